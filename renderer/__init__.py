@@ -1,0 +1,34 @@
+"""Fredholm's renderer: solves the rendering equation over Mitsuba 3 scenes by Monte Carlo, and says how well.
+
+    import renderer
+    estimate = renderer.render("cornell-box", renderer.Target(error=0.05))
+    print(estimate.pixel(256, 256))
+    estimate.write("out.exr")
+
+Importing this package imports neither Mitsuba nor any HTTP code.
+"""
+
+from renderer import errors
+from renderer.estimate.estimate import Estimate, PixelReading, merge
+from renderer.estimate.forecast import CurvePoint, Forecast
+from renderer.progress import Snapshot, progressive, render
+from renderer.scene import gallery
+from renderer.scene.compile import Scene, load_scene
+from renderer.settings import Settings, Target
+
+__all__ = [
+    "CurvePoint",
+    "Estimate",
+    "Forecast",
+    "PixelReading",
+    "Scene",
+    "Settings",
+    "Snapshot",
+    "Target",
+    "errors",
+    "gallery",
+    "load_scene",
+    "merge",
+    "progressive",
+    "render",
+]

@@ -1,0 +1,103 @@
+"""Chooses where kernels run: finds libLLVM and sets the Mitsuba variant, before Mitsuba is imported anywhere.
+
+Dr.Jit loads libLLVM when a variant is first used. Debian 12's libLLVM 14 to 16 abort the process on real scenes, so
+the wheel's own library is preferred and old ones are never taken.
+"""
+
+from __future__ import annotations
+
+import ctypes.util
+import glob
+import importlib.metadata
+import os
+import re
+import sys
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from renderer.errors import BackendError
+
+OLDEST_LLVM = 17
+_SYSTEM_LLVM = (
+    "/usr/lib/llvm-*/lib/libLLVM*.so*",
+    "/usr/lib/*/libLLVM*.so*",
+    "/usr/lib64/libLLVM*.so*",
+    "/opt/homebrew/opt/llvm/lib/libLLVM.dylib",
+    "/usr/local/opt/llvm/lib/libLLVM.dylib",
+)
+
+
+def _llvm_version(path: str) -> int:
+    found = re.search(r"llvm-(\d+)", path) or re.search(r"libLLVM(?:-|\.so\.)(\d+)", path)
+    return int(found.group(1)) if found else 0
+
+
+def find_llvm() -> str | None:
+    """Path of a libLLVM that Dr.Jit can use: the wheel's, else the newest of the system from 17 on."""
+    try:
+        files = importlib.metadata.files("karellen-llvm-core") or []
+    except importlib.metadata.PackageNotFoundError:
+        files = []
+    named = [f for f in files if re.fullmatch(r"libLLVM\.so\.\d+[.\d]*", f.name)]
+    candidates = [str(Path(str(f.locate())).resolve()) for f in named]
+    candidates += glob.glob(str(Path(sys.prefix) / "lib" / "libLLVM.so.*"))
+    for path in candidates:
+        if Path(path).is_file():
+            return path
+    system = [p for pattern in _SYSTEM_LLVM for p in glob.glob(pattern)]
+    usable = [p for p in system if _llvm_version(p) >= OLDEST_LLVM or p.endswith(".dylib")]
+    return max(usable, key=_llvm_version) if usable else None
+
+
+def _has_cuda() -> bool:
+    return ctypes.util.find_library("cuda") is not None or Path("/usr/lib/wsl/lib/libcuda.so.1").exists()
+
+
+@cache
+def mitsuba() -> ModuleType:
+    """The `mitsuba` module with a working variant set: `FREDHOLM_VARIANT` if given, else CUDA, else LLVM.
+
+    Raises BackendError with one sentence that says what is missing.
+    """
+    if "DRJIT_LIBLLVM_PATH" not in os.environ and (llvm := find_llvm()):
+        os.environ["DRJIT_LIBLLVM_PATH"] = llvm
+    import drjit as dr
+    import mitsuba as mi
+
+    if mi.variant() is not None and "FREDHOLM_VARIANT" not in os.environ:
+        variant = str(mi.variant())
+        if not variant.startswith(("llvm_ad_", "cuda_ad_")) or "polarized" in variant:
+            raise BackendError(f"the Mitsuba variant {variant} is set; choose llvm_ad_rgb or cuda_ad_rgb")
+        return mi
+    asked = os.environ.get("FREDHOLM_VARIANT")
+    if asked is not None and (
+        asked not in mi.variants() or not re.fullmatch(r"(llvm|cuda)_ad_(rgb|mono|spectral)", asked)
+    ):
+        known = [v for v in mi.variants() if re.fullmatch(r"(llvm|cuda)_ad_(rgb|mono|spectral)", v)]
+        raise BackendError(f"FREDHOLM_VARIANT is {asked}; choose one of {', '.join(known)}")
+    wanted = [asked] if asked else (["cuda_ad_rgb"] if _has_cuda() else []) + ["llvm_ad_rgb"]
+    for variant in wanted:
+        backend = dr.JitBackend.CUDA if variant.startswith("cuda") else dr.JitBackend.LLVM
+        if dr.has_backend(backend):
+            mi.set_variant(variant)
+            mi.set_log_level(mi.LogLevel.Error)
+            return mi
+    if asked and asked.startswith("cuda"):
+        raise BackendError(f"{asked} needs an NVIDIA driver, and none answered; unset FREDHOLM_VARIANT to use the CPU")
+    raise BackendError(
+        f"no libLLVM of version {OLDEST_LLVM} or newer was found: install one (Debian: apt install libllvm19; "
+        "macOS: brew install llvm) or point DRJIT_LIBLLVM_PATH at it"
+    )
+
+
+def versions() -> dict[str, str]:
+    """Versions that an image depends on, for its metadata."""
+    names = {"fredholm": "fredholm", "mitsuba": "mitsuba", "drjit": "drjit", "numpy": "numpy"}
+    found = {}
+    for key, name in names.items():
+        try:
+            found[key] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[key] = "unknown"
+    return found

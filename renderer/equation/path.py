@@ -1,0 +1,253 @@
+"""The replicate kernel: the path-tracing estimator of the rendering equation.
+
+Enters: lanes, each a (pixel, replicate). Leaves: per lane the mean radiance of its `replicate_size` samples and the
+number of samples that were not finite. A lane runs its samples one after the other and starts the next as soon as a
+path ends, with the sum in registers: memory does not grow with samples, and no lane waits for another's long path.
+
+    L(p, ωo) = Le(p, ωo) + ∫ f(p, ωi, ωo) L(r(p, ωi), −ωi) cosθi dωi
+
+The techniques differ in how ωi is drawn (see `techniques.py`). Source: Kajiya 1986; Veach 1997; pbrt-v4 ch. 13–14.
+`oracle.py` holds the same mathematics without the tricks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from renderer.backend import mitsuba
+from renderer.equation import roulette
+from renderer.equation.filter import PixelFilter
+from renderer.equation.mis import power_heuristic
+from renderer.equation.sequence import Sequence
+from renderer.equation.techniques import Directions
+
+mi: Any = mitsuba()
+
+# Dimension pairs: the camera takes the first three, each path vertex three more.
+PIXEL, LENS, TIME_AND_WAVELENGTH = 0, 1, 2
+PER_VERTEX = 3
+EMITTER, BSDF_DIRECTION, LOBE_AND_ROULETTE = 0, 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """What the kernel contains. Features are Python `if`s while tracing: what is absent is not in the kernel.
+
+    technique: see `Settings`. max_depth: −1 = unlimited. rr_depth: vertices before roulette.
+    has_sampleable_emitters: whether emitter sampling can find anything. hide_emitters: lights unseen by the camera.
+    has_lens: whether the camera has an aperture. stratified: Owen-scrambled points, else independent ones.
+    """
+
+    technique: str
+    max_depth: int
+    rr_depth: int
+    replicate_size: int
+    has_sampleable_emitters: bool = True
+    hide_emitters: bool = False
+    has_lens: bool = True
+    has_roulette: bool = True
+    stratified: bool = True
+
+    @property
+    def samples_emitters(self) -> bool:
+        """Whether the kernel samples points on emitters (the area form)."""
+        return self.technique in ("mis", "emitter") and self.has_sampleable_emitters and self.max_depth != 1
+
+
+class PathKernel:
+    """Compiled once per (scene, model); `launch` runs it over any lanes without compiling again."""
+
+    def __init__(self, scene: Any, sensor: Any, model: Model) -> None:
+        self.scene = scene
+        self.sensor = sensor
+        self.model = model
+        self.filter = PixelFilter(mi, sensor.film().rfilter())
+        self.directions = Directions(model.technique)
+        film = sensor.film()
+        size = film.crop_size()  # sensors take positions relative to the crop window
+        self.width, self.height = int(size[0]), int(size[1])
+        self.shutter_open = float(sensor.shutter_open())
+        self.shutter_time = float(sensor.shutter_open_time())
+
+    def launch(self, pixels: Any, replicates: Any, seed: int) -> tuple[Any, Any]:
+        """Schedules one pass and returns lazily evaluated arrays.
+
+        pixels, replicates: (n,) uint32, row-major pixel index and replicate index of each lane.
+        Returns radiance: Color3f of n, the mean of the finite samples; invalid: UInt32 of n, samples not finite.
+        """
+        low, high = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), dr.opaque(mi.UInt32, seed >> 32)
+        with dr.suspend_grad():
+            radiance, invalid = self._run(mi.UInt32(pixels), mi.UInt32(replicates), low, high)
+        dr.schedule(radiance, invalid)
+        return radiance, invalid
+
+    @dr.syntax
+    def _run(self, pixel: Any, replicate: Any, seed_low: Any, seed_high: Any) -> Any:
+        scene = self.scene
+        key_a, key_b = Sequence.keys(seed_low, seed_high, pixel, replicate)
+        sequence = Sequence(mi, key_a, key_b, self.model.replicate_size, self.model.stratified)
+        column, row = mi.Float(pixel % self.width), mi.Float(pixel // self.width)
+        ctx = mi.BSDFContext()
+
+        # ------------------------------ Loop state ------------------------------
+
+        index = mi.UInt32(0)  # which sample of the replicate
+        depth = mi.UInt32(0)  # of the vertex about to be found
+        is_new = mi.Bool(True)  # the next ray is a camera ray
+        origin = mi.Point3f(0)  # next ray
+        direction = mi.Vector3f(0)
+        time = mi.Float(0)
+        wavelengths = dr.zeros(mi.Ray3f).wavelengths
+        prev_p = mi.Point3f(0)  # vertex before, as the emitter pdf needs it
+        prev_pdf = mi.Float(0)  # solid-angle density of `direction` at that vertex
+        prev_delta = mi.Bool(True)  # `direction` could not have been found by emitter sampling
+        throughput = mi.Spectrum(1)
+        eta = mi.Float(1)  # product of relative indices of refraction
+        radiance = mi.Spectrum(0)  # of the current sample
+        total = mi.Color3f(0)  # of the finished samples
+        invalid = mi.UInt32(0)
+        active = mi.Bool(True)
+
+        while dr.hint(active, label="replicate"):
+            # ------------------------------ Camera ray ------------------------------
+
+            offset, filter_weight = self.filter.sample(sequence.point(index, PIXEL))
+            position = (mi.Point2f(column, row) + offset) / mi.Vector2f(self.width, self.height)
+            lens = sequence.point(index, LENS) if dr.hint(self.model.has_lens, mode="scalar") else mi.Point2f(0.5)
+            extra = sequence.point(index, TIME_AND_WAVELENGTH)
+            camera_ray, camera_weight = self.sensor.sample_ray(
+                self.shutter_open + self.shutter_time * extra.x, extra.y, position, lens, is_new
+            )
+            origin[is_new] = camera_ray.o
+            direction[is_new] = camera_ray.d
+            time[is_new] = camera_ray.time
+            if dr.hint(mi.is_spectral, mode="scalar"):
+                wavelengths[is_new] = camera_ray.wavelengths
+            throughput[is_new] = camera_weight * filter_weight
+            eta[is_new] = 1
+            prev_delta[is_new] = True
+            radiance[is_new] = 0
+
+            # ------------------------------ Next vertex ------------------------------
+
+            ray = mi.Ray3f(origin, direction, time, wavelengths)
+            si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+            bsdf = si.bsdf()
+
+            # ------------------------------ Emission ------------------------------
+
+            emitter = si.emitter(scene)
+            sees_emitter = active & (emitter != None)  # noqa: E711 (a Dr.Jit comparison)
+            if dr.hint(self.model.hide_emitters, mode="scalar"):
+                sees_emitter &= depth != 0
+            weight_hit = mi.Float(1)
+            if dr.hint(self.model.samples_emitters, mode="scalar"):
+                if dr.hint(self.model.technique == "emitter", mode="scalar"):
+                    weight_hit = dr.select(prev_delta, 1, 0)
+                else:
+                    ref = dr.zeros(mi.Interaction3f)
+                    ref.p = prev_p
+                    ref.time = time
+                    ds_hit = mi.DirectionSample3f(scene, si, ref)
+                    pdf_em = scene.pdf_emitter_direction(ref, ds_hit, sees_emitter & ~prev_delta)
+                    weight_hit = dr.select(prev_delta, 1, power_heuristic(prev_pdf, pdf_em))
+            emission = emitter.eval(si, sees_emitter)
+            radiance[sees_emitter] = radiance + throughput * weight_hit * emission
+
+            # ------------------------------ Go on? ------------------------------
+
+            passes_through = mi.Bool(False)
+            if dr.hint(self.model.hide_emitters, mode="scalar"):
+                # The camera looks through area lights: same sample, same depth, from behind the light.
+                passes_through = active & (depth == 0) & si.is_valid() & (si.shape.emitter() != None)  # noqa: E711
+            active_next = active & si.is_valid()
+            if dr.hint(self.model.max_depth >= 0, mode="scalar"):
+                active_next &= depth + 1 < self.model.max_depth
+
+            # ------------------------------ Sampling ------------------------------
+
+            vertex = PER_VERTEX * (depth + 1)
+            lobe_and_roulette = sequence.point(index, vertex + LOBE_AND_ROULETTE)
+            u_direction = sequence.point(index, vertex + BSDF_DIRECTION)
+            contribution = mi.Spectrum(0)
+            active_em = mi.Bool(False)
+            shadow_ray = dr.zeros(mi.Ray3f)
+            active_next &= ~passes_through
+            if dr.hint(self.model.samples_emitters, mode="scalar"):
+                # Emitter sampling: a point on a light; visibility last, and only where it can matter.
+                active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+                ds, emitter_weight = scene.sample_emitter_direction(
+                    si, sequence.point(index, vertex + EMITTER), False, active_em
+                )
+                active_em &= ds.pdf != 0
+                wo = si.to_local(ds.d)
+                value, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
+                    ctx, si, wo, lobe_and_roulette.x, u_direction, active_next
+                )
+                weight_em = mi.Float(1)
+                if dr.hint(self.model.technique == "mis", mode="scalar"):
+                    weight_em = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
+                contribution = throughput * si.to_world_mueller(value, -wo, si.wi) * emitter_weight * weight_em
+                active_em &= dr.any(contribution != 0)
+                shadow_ray = si.spawn_ray_to(ds.p)
+            else:
+                # Direction sampling alone: by the BSDF, or uniform or cosine for comparison.
+                bs, bsdf_weight = self.directions.sample(bsdf, ctx, si, lobe_and_roulette.x, u_direction, active_next)
+
+            # ------------------------------ Visibility ------------------------------
+
+            if dr.hint(self.model.samples_emitters, mode="scalar"):
+                is_visible = ~scene.ray_test(shadow_ray, False, active_em)
+                radiance[active_em & is_visible] = radiance + contribution
+
+            # ------------------------------ Update ------------------------------
+
+            next_ray = si.spawn_ray(si.to_world(bs.wo))
+            if dr.hint(self.model.hide_emitters, mode="scalar"):
+                next_ray.o[passes_through] = si.spawn_ray(ray.d).o
+                next_ray.d[passes_through] = ray.d
+            throughput[active_next] = throughput * bsdf_weight
+            eta[active_next] = eta * bs.eta
+            origin = next_ray.o
+            direction = next_ray.d
+            prev_p[active_next] = si.p
+            prev_pdf[active_next] = bs.pdf
+            prev_delta[active_next] = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
+            depth[active_next] = depth + 1
+
+            # ------------------------------ Stopping ------------------------------
+
+            active_next &= dr.any(throughput != 0)
+            if dr.hint(self.model.has_roulette, mode="scalar"):
+                survival = roulette.survival_probability(throughput, eta)
+                plays = depth >= self.model.rr_depth
+                active_next &= ~plays | (lobe_and_roulette.y < survival)
+                throughput[plays] = throughput / survival
+            active_next |= passes_through
+
+            # ------------------------------ Next sample ------------------------------
+
+            ended = active & ~active_next
+            rgb = self._to_rgb(radiance, wavelengths)
+            is_finite = dr.all(dr.isfinite(rgb))
+            total[ended & is_finite] = total + rgb
+            invalid[ended & ~is_finite] = invalid + 1
+            index[ended] = index + 1
+            depth[ended] = 0
+            is_new = ended
+            active &= index < self.model.replicate_size
+
+        valid = mi.Float(self.model.replicate_size - invalid)
+        return dr.select(valid > 0, total / valid, 0), invalid
+
+    @staticmethod
+    def _to_rgb(radiance: Any, wavelengths: Any) -> Any:
+        """Linear sRGB of a radiance sample."""
+        if mi.is_monochromatic:
+            return mi.Color3f(radiance.x)
+        if mi.is_spectral:
+            return mi.spectrum_to_srgb(radiance, wavelengths)
+        return mi.Color3f(radiance)

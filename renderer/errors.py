@@ -1,0 +1,34 @@
+"""Errors of the renderer: one class per decision that a caller can take. The docstring is the default message."""
+
+from __future__ import annotations
+
+
+class FredholmError(Exception):
+    """Rendering failed."""
+
+    def __init__(self, message: str | None = None) -> None:
+        super().__init__(message or (self.__doc__ or "").strip())
+
+
+class BackendError(FredholmError):
+    """No compute backend works on this machine: install a libLLVM of version 17 or newer, or a CUDA driver."""
+
+
+class SceneError(FredholmError):
+    """The scene could not be read: mend the scene."""
+
+
+class UnsupportedScene(SceneError):
+    """The scene needs something that this renderer does not model."""
+
+
+class SettingsError(FredholmError, ValueError):
+    """A setting or target is outside its range: choose another value."""
+
+
+class CheckpointError(FredholmError):
+    """The file is not a Fredholm estimate that can be read back."""
+
+
+class MergeError(FredholmError):
+    """These estimates must not be merged: they overlap or answer different questions."""

@@ -1,0 +1,1 @@
+"""Estimates as files and pictures."""

@@ -1,0 +1,229 @@
+"""The main path: compile → plan → run → merge → snapshot, until a target is reached."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from renderer import plan
+from renderer.errors import CheckpointError
+from renderer.estimate.error import ImageError, image_error
+from renderer.estimate.estimate import Estimate, Identity
+from renderer.estimate.forecast import CurvePoint, Forecast, forecast
+from renderer.estimate.moments import Moments
+from renderer.settings import Settings, Target, replicate_size_for
+
+if TYPE_CHECKING:
+    from renderer.scene.compile import Scene
+
+MIN_SNAPSHOT_SECONDS = 0.25
+CURVE_GROWTH = 1.1
+SNAPSHOT_SHARE = 0.1  # of the render time that making snapshots may take
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The state of a render at a sequence number. error: None while not known. seconds: render time alone.
+
+    curve: error over time so far. stopped_by: error, seconds, spp or interrupted, on the last one.
+    """
+
+    sequence: int
+    estimate: Estimate
+    error: float | None
+    share_within: float | None
+    share_trusted: float
+    spp: float
+    samples: int
+    seconds: float
+    invalid: int
+    forecast: Forecast | None
+    curve: tuple[CurvePoint, ...]
+    stopped_by: str | None
+
+
+def progressive(
+    scene: Scene | str | Path | dict[str, Any],
+    target: Target,
+    settings: Settings | None = None,
+    *,
+    start: Estimate | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> Iterator[Snapshot]:
+    """Renders until the target is reached, yielding snapshots on the way.
+
+    scene: a loaded scene or anything that `load_scene` takes. start: an estimate to go on from (same scene, settings
+    and seed). should_stop: asked between passes; True ends with stopped_by = "interrupted".
+    Being suspended between snapshots costs nothing: seconds count render time only. The first snapshot comes after the
+    first coarse pass, later ones at most every quarter second. Equal settings and seed give equal moments, whatever
+    the timing, and a render that was resumed equals one that was not.
+    """
+    from renderer.scene.compile import Scene, load_scene
+
+    asked = settings or Settings()
+    loaded = scene.sized(asked) if isinstance(scene, Scene) else load_scene(scene, settings=asked)
+    size = start.replicate_size if start and asked.replicate_size is None else replicate_size_for(asked, target)
+    resolved = loaded.resolved(asked, size)
+    identity = identity_of(loaded, resolved)
+    if start is not None:
+        _check_resumable(start, identity)
+    yield from _Render(loaded, target, resolved, identity, start).run(should_stop or (lambda: False))
+
+
+def render(
+    scene: Scene | str | Path | dict[str, Any],
+    target: Target,
+    settings: Settings | None = None,
+    *,
+    start: Estimate | None = None,
+) -> Estimate:
+    """Renders until the target is reached and returns the estimate."""
+    last: Snapshot | None = None
+    for snapshot in progressive(scene, target, settings, start=start):
+        last = snapshot
+    assert last is not None  # progressive always yields a last snapshot
+    return last.estimate
+
+
+def identity_of(scene: Scene, resolved: Settings) -> Identity:
+    """What an estimate of this scene with these settings is an estimate of."""
+    kept = {k: v for k, v in resolved.as_dict().items() if k != "seed"}
+    return Identity(scene.digest, scene.name, kept, resolved.seed)
+
+
+def _check_resumable(start: Estimate, identity: Identity) -> None:
+    if start.identity.scene != identity.scene:
+        raise CheckpointError(
+            f"the checkpoint is of another scene ({start.identity.scene_name}, "
+            f"digest {start.identity.scene[:12]}) than {identity.scene_name} ({identity.scene[:12]})"
+        )
+    if len(start.ranges) > 1:
+        raise CheckpointError(
+            "the checkpoint is a merge of several seeds; go on from one of its parts, then merge again"
+        )
+    if start.identity.seed != identity.seed:
+        raise CheckpointError(f"the checkpoint has seed {start.identity.seed}, asked is {identity.seed}")
+    for key, value in identity.settings.items():
+        if (had := start.identity.settings.get(key)) != value:
+            raise CheckpointError(f"the checkpoint was made with {key} = {had}, asked is {value}")
+
+
+class _Render:
+    """The mutable side of one render."""
+
+    def __init__(
+        self, scene: Scene, target: Target, settings: Settings, identity: Identity, start: Estimate | None
+    ) -> None:
+        self.scene, self.target, self.settings, self.identity = scene, target, settings, identity
+        self.size = settings.replicate_size or 1
+        self.n = scene.width * scene.height
+        self.kernel = scene.kernel(settings)
+        self.moments = start.moments.copy() if start else Moments.empty(self.n)
+        self.seconds = start.seconds if start else 0.0
+        self.sequence = 0
+        self.curve: list[CurvePoint] = []
+        self.snapshot_cost = 0.0
+        self.since_snapshot = 0.0
+
+    @property
+    def wanted(self) -> int | None:
+        """Replicates per pixel that the target's spp asks for."""
+        return None if self.target.spp is None else -(-self.target.spp // self.size)
+
+    def run(self, should_stop: Callable[[], bool]) -> Iterator[Snapshot]:
+        stopped_by = self._stop_reason()
+        while stopped_by is None:
+            count, s = self.moments.count, self.scene
+            for work in plan.next_round(count, s.width, s.height, self.size, self.wanted):
+                self._run_pass(work)
+                if should_stop():
+                    stopped_by = "interrupted"
+                elif self.target.seconds is not None and self.seconds >= self.target.seconds:
+                    stopped_by = "seconds"
+                if stopped_by:
+                    break
+                if self._is_snapshot_due():
+                    yield self._snapshot(None)
+            stopped_by = stopped_by or self._stop_reason()
+        yield self._snapshot(stopped_by)
+
+    def _run_pass(self, work: plan.Pass) -> None:
+        began = time.perf_counter()
+        pixels = np.tile(work.pixels, work.n_replicates)
+        replicates = np.arange(work.first, work.first + work.n_replicates, dtype=np.uint32)
+        lanes = self.kernel.launch(pixels, np.repeat(replicates, len(work.pixels)), self.settings.seed)
+        radiance, invalid = np.array(lanes[0]).T, np.array(lanes[1])
+        where = slice(None) if len(work.pixels) == self.n else work.pixels
+        for r in range(work.n_replicates):
+            part = slice(r * len(work.pixels), (r + 1) * len(work.pixels))
+            self.moments.add(where, radiance[part], invalid[part], self.size)
+        took = time.perf_counter() - began
+        self.seconds += took
+        self.since_snapshot += took
+
+    def _is_snapshot_due(self) -> bool:
+        return self.sequence == 0 or self.since_snapshot >= max(
+            MIN_SNAPSHOT_SECONDS, self.snapshot_cost / SNAPSHOT_SHARE
+        )
+
+    def _stop_reason(self) -> str | None:
+        """Why to stop now, at the end of a round. Looking at targets here only does not fool them."""
+        low = int(self.moments.count.min())
+        if self.wanted is not None and low >= self.wanted:
+            return "spp"
+        if self.target.seconds is not None and self.seconds >= self.target.seconds:
+            return "seconds"
+        if not plan.is_checkpoint(low):
+            return None
+        began = time.perf_counter()
+        error = image_error(self.moments, self.target.error).error
+        self.seconds += time.perf_counter() - began
+        self._extend_curve(error)
+        if self.target.error is not None and error is not None and error <= self.target.error:
+            return "error"
+        return None
+
+    def _extend_curve(self, error: float | None) -> None:
+        """Adds a point, unless hardly any time has passed since the last one."""
+        if error is None or (self.curve and self.seconds < self.curve[-1].seconds * CURVE_GROWTH):
+            return
+        self.curve.append(CurvePoint(self.seconds, float(self.moments.count.mean()) * self.size, error))
+
+    def _snapshot(self, stopped_by: str | None) -> Snapshot:
+        began = time.perf_counter()
+        self.sequence += 1
+        moments = self.moments if stopped_by else self.moments.copy()
+        found: ImageError = image_error(moments, self.target.error)
+        self._extend_curve(found.error)
+        estimate = Estimate(
+            width=self.scene.width,
+            height=self.scene.height,
+            replicate_size=self.size,
+            moments=moments,
+            identity=self.identity,
+            seconds=self.seconds,
+            ranges=((self.settings.seed, int(moments.count.max())),),
+        )
+        goal = self.target.error
+        snapshot = Snapshot(
+            sequence=self.sequence,
+            estimate=estimate,
+            error=found.error,
+            share_within=found.share_within,
+            share_trusted=found.share_trusted,
+            spp=estimate.spp,
+            samples=estimate.samples,
+            seconds=self.seconds,
+            invalid=int(moments.invalid.sum()),
+            forecast=forecast(self.curve, goal) if goal is not None and not stopped_by else None,
+            curve=tuple(self.curve),
+            stopped_by=stopped_by,
+        )
+        self.snapshot_cost = time.perf_counter() - began
+        self.since_snapshot = 0.0
+        return snapshot

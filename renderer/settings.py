@@ -1,0 +1,105 @@
+"""What is asked: `Settings` says which estimator, `Target` says when it is good enough.
+
+Both are frozen, and both reject bad values when they are built, by name and range. Settings are part of the identity
+of an estimate (two estimates merge only when their settings agree); a target is not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from renderer.errors import SettingsError
+
+TECHNIQUES = ("mis", "bsdf", "emitter", "cosine", "uniform")
+MAX_SIDE = 16384
+MAX_REPLICATE_SIZE = 64
+DEFAULT_REPLICATE_SIZE = 16
+UNLIMITED_DEPTH = -1
+
+
+def _whole(name: str, value: object, low: int, high: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise SettingsError(f"{name} is {value!r}; it must be a whole number from {low} to {high}")
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Which estimator to run.
+
+    width, height: pixels of the image, 1 … 16384; None takes the scene's film (one given scales the other).
+    seed: 0 … 2^63 − 1. Equal seeds give equal images, bit for bit.
+    max_depth: as in Mitsuba (1 = only emitters seen directly, −1 = unlimited); None takes the scene's.
+    technique: how incident directions are sampled: mis, bsdf, emitter, cosine or uniform.
+    replicate_size: samples in one replicate, a power of two up to 64; None chooses by the target.
+    """
+
+    width: int | None = None
+    height: int | None = None
+    seed: int = 0
+    max_depth: int | None = None
+    technique: str = "mis"
+    replicate_size: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            if (side := getattr(self, name)) is not None:
+                _whole(name, side, 1, MAX_SIDE)
+        _whole("seed", self.seed, 0, 2**63 - 1)
+        if self.max_depth is not None:
+            _whole("max_depth", self.max_depth, UNLIMITED_DEPTH, 1_000_000)
+        if self.technique not in TECHNIQUES:
+            raise SettingsError(f"technique is {self.technique!r}; choose one of {', '.join(TECHNIQUES)}")
+        if (size := self.replicate_size) is not None:
+            _whole("replicate_size", size, 1, MAX_REPLICATE_SIZE)
+            if size & (size - 1):
+                raise SettingsError(f"replicate_size is {size}; it must be a power of two up to {MAX_REPLICATE_SIZE}")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for files and messages."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """When to stop. Any combination; the first limit reached wins.
+
+    error: relative image error as a fraction (0.02 = 2 %), 0 < error ≤ 10.
+    seconds: render time. spp: samples per pixel.
+    """
+
+    error: float | None = None
+    seconds: float | None = None
+    spp: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.error is None and self.seconds is None and self.spp is None:
+            raise SettingsError("the target is empty; give at least one of error, seconds or spp")
+        for name, low, high in (("error", 1e-6, 10.0), ("seconds", 1e-3, 1e8)):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise SettingsError(f"{name} is {value!r}; it must be a number from {low:g} to {high:g}")
+            if not math.isfinite(value) or not low <= value <= high:
+                raise SettingsError(f"{name} is {value!r}; it must be from {low:g} to {high:g}")
+        if self.spp is not None:
+            _whole("spp", self.spp, 1, 2**31)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for files and messages."""
+        return asdict(self)
+
+
+def replicate_size_for(settings: Settings, target: Target) -> int:
+    """Samples per replicate: as asked, else 16, or less where few samples are asked for, so that an error bar is left.
+
+    A replicate is the unit of every error bar; below four of them an interval says next to nothing.
+    """
+    if settings.replicate_size is not None:
+        return settings.replicate_size
+    size = DEFAULT_REPLICATE_SIZE
+    while target.spp is not None and size > 1 and target.spp < 4 * size:
+        size //= 2
+    return size
