@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 
 from renderer.errors import FredholmError, SettingsError
@@ -50,7 +51,7 @@ def parse_time(text: str) -> float:
     parts = re.findall(r"([0-9.]+)\s*(min|[smh]?)", text.strip())
     rebuilt = "".join(f"{n}{u}" for n, u in parts)
     try:
-        if not parts or rebuilt != text.replace(" ", ""):
+        if not parts or any(not unit for _, unit in parts[:-1]) or rebuilt != text.replace(" ", ""):
             raise ValueError
         return sum(float(n) * units[u] for n, u in parts)
     except ValueError:
@@ -192,6 +193,8 @@ def _summarise(snapshot: Snapshot, target: Target, output: Path) -> None:
         f"{output}: error {error}{missed}, {snapshot.spp:.0f} spp, {say_seconds(snapshot.seconds)}, "
         f"{reasons.get(snapshot.stopped_by or '', '')}; {100 * snapshot.share_trusted:.1f} % of pixels trusted",
         highlight=False,
+        markup=False,
+        soft_wrap=True,
     )
     if snapshot.invalid:
         err.print(f"degraded: {snapshot.invalid} samples were not finite", style="yellow")
@@ -230,7 +233,7 @@ def merge_files(
     for path in inputs[1:]:
         result = merge(result, Estimate.read(path))
     result.write(output)
-    err.print(f"{output}: {result.spp:.0f} spp from {len(inputs)} files", highlight=False)
+    err.print(f"{output}: {result.spp:.0f} spp from {len(inputs)} files", highlight=False, markup=False, soft_wrap=True)
 
 
 @app.command("gallery")
@@ -244,12 +247,12 @@ def show_gallery() -> None:
 
 @app.command()
 def serve(
-    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port to listen on.")] = 8017,
-    data: Annotated[Path, typer.Option(help="Folder for jobs, scenes and images.")] = Path("data"),
+    host: Annotated[str | None, typer.Option(help="Address to listen on; 127.0.0.1 by default.")] = None,
+    port: Annotated[int | None, typer.Option(help="Port to listen on; 8017 by default.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder for jobs, scenes and images.")] = None,
     open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in a browser.")] = True,
 ) -> None:
-    """Serve the page and the HTTP API.
+    """Serve the page and the HTTP API. What is not given comes from FREDHOLM_HOST, FREDHOLM_PORT, FREDHOLM_DATA_DIR.
 
     [bold]Example[/bold]   fredholm serve --port 8017 --data ~/fredholm
     """
@@ -263,10 +266,10 @@ def main() -> None:
     try:
         app()
     except FredholmError as problem:
-        err.print(f"[red]error:[/red] {problem}", highlight=False, markup=True)
+        err.print("[red]error:[/red]", escape(str(problem)), highlight=False, soft_wrap=True)
         sys.exit(EXIT_BAD_INPUT)
     except OSError as problem:
-        err.print(f"[red]error:[/red] {problem}", highlight=False)
+        err.print("[red]error:[/red]", escape(str(problem)), highlight=False, soft_wrap=True)
         sys.exit(1)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)

@@ -2,21 +2,22 @@
 
 A *round* gives every pixel of lowest count one more replicate. The first round starts with a coarse grid of pixels, so
 that there is a picture at once, and then fills the gaps, finer and finer; later rounds go in bands of rows. The order
-follows from the counts alone, so a resumed render goes on exactly where it would have.
+follows from these counts alone, so a resumed render goes on exactly where it would have. How many lanes go into a pass
+follows from the speed seen so far; a pixel's replicates are added in order all the same, so no bit depends on it.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 FIRST_REPLICATES = 2
-FIRST_SAMPLES = 2**18  # of the first pass: a picture within a fraction of a second
-PASS_SAMPLES = 2**20  # of any other pass: about the smallest that keeps all lanes busy
+FIRST_SAMPLES = 2**17  # of the first pass: a picture within a fraction of a second
+MIN_PASS_SAMPLES, MAX_PASS_SAMPLES = 2**17, 2**22
+PASS_SECONDS = 0.3  # aimed at: how long a stop, a pause or another job waits
 MIN_REPLICATES_TO_STOP = 4  # before an error target can be believed
 CHECKPOINT_GROWTH = 1.15
 
@@ -36,33 +37,65 @@ class Pass:
 
 
 def next_round(
-    count: NDArray[np.int64], width: int, height: int, replicate_size: int, replicates_wanted: int | None
+    tried: NDArray[np.int64],
+    width: int,
+    height: int,
+    replicate_size: int,
+    replicates_wanted: int | None,
+    pass_samples: Callable[[], int] = lambda: 2**20,
 ) -> Iterator[Pass]:
-    """The passes of the next round. count: (n,) replicates so far. replicates_wanted: never go beyond this."""
-    low = int(count.min())
+    """The passes of the next round.
+
+    tried: (n,) replicates rendered so far. replicates_wanted: never go beyond this. pass_samples: asked each time.
+    """
+    low = int(tried.min())
     n = width * height
-    lanes = max(1, PASS_SAMPLES // replicate_size)
     if low == 0:
-        yield from _first_round(count, width, height, replicate_size, replicates_wanted)
+        yield from _first_round(tried, width, height, replicate_size, replicates_wanted, pass_samples)
         return
-    behind = np.flatnonzero(count == low).astype(np.uint32)
+    lanes = max(1, pass_samples() // replicate_size)
+    behind = np.flatnonzero(tried == low).astype(np.uint32)
+    if low < FIRST_REPLICATES:
+        # Rows in scattered order: until every pixel has a variance, those that have one must stand for the image.
+        behind = behind[np.argsort(_scattered(height)[behind // width], kind="stable")]
     # Small images take several replicates in one pass, as long as no checkpoint is skipped.
     n_replicates = 1
     if len(behind) == n:
         n_replicates = max(1, min(lanes // n, next_checkpoint(low) - low))
     if replicates_wanted is not None:
         n_replicates = max(1, min(n_replicates, replicates_wanted - low))
-    step = max(1, lanes // n_replicates)
-    for start in range(0, len(behind), step):
+    start = 0
+    while start < len(behind):
+        step = _even(len(behind) - start, pass_samples() // (replicate_size * n_replicates))
         yield Pass(behind[start : start + step], low, n_replicates)
+        start += step
+
+
+def _scattered(n: int) -> NDArray[np.int64]:
+    """A rank for each of n rows that visits them evenly: the order of the golden-ratio sequence."""
+    return np.argsort(np.argsort((np.arange(n) * 0.6180339887498949) % 1.0))
+
+
+def _even(rest: int, most: int) -> int:
+    """Size of the next part when `rest` is cut into equal parts of about `most`: no small remainder at the end."""
+    return -(-rest // max(1, round(rest / max(1, most))))
+
+
+def pass_samples_for(samples_per_second: float) -> int:
+    """Samples of a pass that takes about PASS_SECONDS."""
+    return int(min(max(samples_per_second * PASS_SECONDS, MIN_PASS_SAMPLES), MAX_PASS_SAMPLES))
 
 
 def _first_round(
-    count: NDArray[np.int64], width: int, height: int, replicate_size: int, replicates_wanted: int | None
+    tried: NDArray[np.int64],
+    width: int,
+    height: int,
+    replicate_size: int,
+    replicates_wanted: int | None,
+    pass_samples: Callable[[], int],
 ) -> Iterator[Pass]:
     stride = coarse_stride(width, height, replicate_size)
-    lanes = max(1, PASS_SAMPLES // replicate_size)
-    done = count > 0
+    done = tried > 0
     # Two replicates on the first grid: with the first picture comes a first error.
     n_replicates = 1 if replicates_wanted == 1 else FIRST_REPLICATES
     while stride >= 1:
@@ -70,8 +103,11 @@ def _first_round(
         columns = np.arange(0, width, stride, dtype=np.uint32)
         grid = (rows[:, None] * np.uint32(width) + columns[None, :]).ravel()
         fresh = grid[~done[grid]]
-        for start in range(0, len(fresh), lanes):
-            yield Pass(fresh[start : start + lanes], 0, n_replicates)
+        start = 0
+        while start < len(fresh):
+            step = _even(len(fresh) - start, pass_samples() // (replicate_size * n_replicates))
+            yield Pass(fresh[start : start + step], 0, n_replicates)
+            start += step
         if stride == 1:
             return
         done = done.copy()
@@ -82,8 +118,10 @@ def _first_round(
 
 def coarse_stride(width: int, height: int, replicate_size: int) -> int:
     """Distance of the first grid's pixels, a power of two: its samples fit the first pass."""
-    excess = width * height * replicate_size * FIRST_REPLICATES / FIRST_SAMPLES
-    return 1 if excess <= 1 else 2 ** math.ceil(math.log2(math.sqrt(excess)))
+    stride = 1
+    while -(-width // stride) * -(-height // stride) * replicate_size * FIRST_REPLICATES > FIRST_SAMPLES:
+        stride *= 2
+    return stride
 
 
 def next_checkpoint(replicates: int) -> int:

@@ -93,6 +93,8 @@ def render(
 def identity_of(scene: Scene, resolved: Settings) -> Identity:
     """What an estimate of this scene with these settings is an estimate of."""
     kept = {k: v for k, v in resolved.as_dict().items() if k != "seed"}
+    needs = scene.requirements
+    kept |= {"hide_emitters": needs.hide_emitters, "rr_depth": needs.rr_depth, "film": scene.film}
     return Identity(scene.digest, scene.name, kept, resolved.seed)
 
 
@@ -129,6 +131,7 @@ class _Render:
         self.curve: list[CurvePoint] = []
         self.snapshot_cost = 0.0
         self.since_snapshot = 0.0
+        self.speed = 0.0  # samples per second, of the last passes
 
     @property
     def wanted(self) -> int | None:
@@ -138,8 +141,8 @@ class _Render:
     def run(self, should_stop: Callable[[], bool]) -> Iterator[Snapshot]:
         stopped_by = self._stop_reason()
         while stopped_by is None:
-            count, s = self.moments.count, self.scene
-            for work in plan.next_round(count, s.width, s.height, self.size, self.wanted):
+            tried, s = self.moments.tried, self.scene
+            for work in plan.next_round(tried, s.width, s.height, self.size, self.wanted, self._pass_samples):
                 self._run_pass(work)
                 if should_stop():
                     stopped_by = "interrupted"
@@ -165,6 +168,12 @@ class _Render:
         took = time.perf_counter() - began
         self.seconds += took
         self.since_snapshot += took
+        speed = work.n_lanes * self.size / max(took, 1e-6)
+        # The first pass may have compiled: a later, faster one replaces it at once.
+        self.speed = speed if speed > 2 * self.speed else 0.7 * self.speed + 0.3 * speed
+
+    def _pass_samples(self) -> int:
+        return plan.pass_samples_for(self.speed)
 
     def _is_snapshot_due(self) -> bool:
         return self.sequence == 0 or self.since_snapshot >= max(
@@ -173,7 +182,7 @@ class _Render:
 
     def _stop_reason(self) -> str | None:
         """Why to stop now, at the end of a round. Looking at targets here only does not fool them."""
-        low = int(self.moments.count.min())
+        low = int(self.moments.tried.min())
         if self.wanted is not None and low >= self.wanted:
             return "spp"
         if self.target.seconds is not None and self.seconds >= self.target.seconds:
@@ -207,7 +216,7 @@ class _Render:
             moments=moments,
             identity=self.identity,
             seconds=self.seconds,
-            ranges=((self.settings.seed, int(moments.count.max())),),
+            ranges=((self.settings.seed, int(moments.tried.max())),),
         )
         goal = self.target.error
         snapshot = Snapshot(

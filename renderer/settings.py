@@ -6,7 +6,6 @@ of an estimate (two estimates merge only when their settings agree); a target is
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -82,7 +81,7 @@ class Target:
                 continue
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise SettingsError(f"{name} is {value!r}; it must be a number from {low:g} to {high:g}")
-            if not math.isfinite(value) or not low <= value <= high:
+            if not low <= value <= high:
                 raise SettingsError(f"{name} is {value!r}; it must be from {low:g} to {high:g}")
         if self.spp is not None:
             _whole("spp", self.spp, 1, 2**31)

@@ -19,6 +19,7 @@ import drjit as dr
 
 from renderer.backend import mitsuba
 from renderer.equation import roulette
+from renderer.equation.emitters import EmitterSampler
 from renderer.equation.filter import PixelFilter
 from renderer.equation.mis import power_heuristic
 from renderer.equation.sequence import Sequence
@@ -30,6 +31,9 @@ mi: Any = mitsuba()
 PIXEL, LENS, TIME_AND_WAVELENGTH = 0, 1, 2
 PER_VERTEX = 3
 EMITTER, BSDF_DIRECTION, LOBE_AND_ROULETTE = 0, 1, 2
+
+NO_LIMIT = 0xFFFFFFFF
+Sizes = tuple[Any, ...]  # width, height, replicate size, depth limit, roulette depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +58,7 @@ class Model:
     @property
     def samples_emitters(self) -> bool:
         """Whether the kernel samples points on emitters (the area form)."""
-        return self.technique in ("mis", "emitter") and self.has_sampleable_emitters and self.max_depth != 1
+        return self.technique in ("mis", "emitter") and self.has_sampleable_emitters and self.max_depth not in (0, 1)
 
 
 class PathKernel:
@@ -66,9 +70,14 @@ class PathKernel:
         self.model = model
         self.filter = PixelFilter(mi, sensor.film().rfilter())
         self.directions = Directions(model.technique)
+        self.emitters = EmitterSampler(scene)
+        self.samples_emitters = model.samples_emitters and not self.emitters.is_empty
         film = sensor.film()
         size = film.crop_size()  # sensors take positions relative to the crop window
-        self.width, self.height = int(size[0]), int(size[1])
+        # Opaque, so that one compiled kernel serves all sizes and depths.
+        depth_limit = NO_LIMIT if model.max_depth < 0 else model.max_depth
+        numbers = (int(size[0]), int(size[1]), model.replicate_size, depth_limit, model.rr_depth)
+        self.sizes: Sizes = tuple(dr.opaque(mi.UInt32, n) for n in numbers)
         self.shutter_open = float(sensor.shutter_open())
         self.shutter_time = float(sensor.shutter_open_time())
 
@@ -80,16 +89,17 @@ class PathKernel:
         """
         low, high = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), dr.opaque(mi.UInt32, seed >> 32)
         with dr.suspend_grad():
-            radiance, invalid = self._run(mi.UInt32(pixels), mi.UInt32(replicates), low, high)
+            radiance, invalid = self._run(_lanes(pixels), _lanes(replicates), low, high, self.sizes)
         dr.schedule(radiance, invalid)
         return radiance, invalid
 
     @dr.syntax
-    def _run(self, pixel: Any, replicate: Any, seed_low: Any, seed_high: Any) -> Any:
+    def _run(self, pixel: Any, replicate: Any, seed_low: Any, seed_high: Any, sizes: Sizes) -> Any:
         scene = self.scene
+        width, height, replicate_size, depth_limit, rr_depth = sizes
         key_a, key_b = Sequence.keys(seed_low, seed_high, pixel, replicate)
-        sequence = Sequence(mi, key_a, key_b, self.model.replicate_size, self.model.stratified)
-        column, row = mi.Float(pixel % self.width), mi.Float(pixel // self.width)
+        sequence = Sequence(mi, key_a, key_b, replicate_size, self.model.stratified)
+        column, row = mi.Float(pixel % width), mi.Float(pixel // width)
         ctx = mi.BSDFContext()
 
         # ------------------------------ Loop state ------------------------------
@@ -115,7 +125,7 @@ class PathKernel:
             # ------------------------------ Camera ray ------------------------------
 
             offset, filter_weight = self.filter.sample(sequence.point(index, PIXEL))
-            position = (mi.Point2f(column, row) + offset) / mi.Vector2f(self.width, self.height)
+            position = (mi.Point2f(column, row) + offset) / mi.Vector2f(mi.Float(width), mi.Float(height))
             lens = sequence.point(index, LENS) if dr.hint(self.model.has_lens, mode="scalar") else mi.Point2f(0.5)
             extra = sequence.point(index, TIME_AND_WAVELENGTH)
             camera_ray, camera_weight = self.sensor.sample_ray(
@@ -144,7 +154,7 @@ class PathKernel:
             if dr.hint(self.model.hide_emitters, mode="scalar"):
                 sees_emitter &= depth != 0
             weight_hit = mi.Float(1)
-            if dr.hint(self.model.samples_emitters, mode="scalar"):
+            if dr.hint(self.samples_emitters, mode="scalar"):
                 if dr.hint(self.model.technique == "emitter", mode="scalar"):
                     weight_hit = dr.select(prev_delta, 1, 0)
                 else:
@@ -152,7 +162,7 @@ class PathKernel:
                     ref.p = prev_p
                     ref.time = time
                     ds_hit = mi.DirectionSample3f(scene, si, ref)
-                    pdf_em = scene.pdf_emitter_direction(ref, ds_hit, sees_emitter & ~prev_delta)
+                    pdf_em = self.emitters.pdf(ref, ds_hit, sees_emitter & ~prev_delta)
                     weight_hit = dr.select(prev_delta, 1, power_heuristic(prev_pdf, pdf_em))
             emission = emitter.eval(si, sees_emitter)
             radiance[sees_emitter] = radiance + throughput * weight_hit * emission
@@ -163,9 +173,7 @@ class PathKernel:
             if dr.hint(self.model.hide_emitters, mode="scalar"):
                 # The camera looks through area lights: same sample, same depth, from behind the light.
                 passes_through = active & (depth == 0) & si.is_valid() & (si.shape.emitter() != None)  # noqa: E711
-            active_next = active & si.is_valid()
-            if dr.hint(self.model.max_depth >= 0, mode="scalar"):
-                active_next &= depth + 1 < self.model.max_depth
+            active_next = active & si.is_valid() & (depth + 1 < depth_limit)
 
             # ------------------------------ Sampling ------------------------------
 
@@ -176,12 +184,16 @@ class PathKernel:
             active_em = mi.Bool(False)
             shadow_ray = dr.zeros(mi.Ray3f)
             active_next &= ~passes_through
-            if dr.hint(self.model.samples_emitters, mode="scalar"):
+            if dr.hint(self.samples_emitters, mode="scalar"):
                 # Emitter sampling: a point on a light; visibility last, and only where it can matter.
                 active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-                ds, emitter_weight = scene.sample_emitter_direction(
-                    si, sequence.point(index, vertex + EMITTER), False, active_em
-                )
+                # It is seen from where the next ray starts, a hair above the surface: then both techniques have the
+                # same directions to find it, and their weights sum to one even where a light touches the surface.
+                reflects = ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission)
+                ref_em = dr.zeros(mi.Interaction3f)
+                ref_em.p = dr.select(reflects, si.spawn_ray(-ray.d).o, si.p)
+                ref_em.time, ref_em.wavelengths = si.time, si.wavelengths
+                ds, emitter_weight = self.emitters.sample(ref_em, sequence.point(index, vertex + EMITTER), active_em)
                 active_em &= ds.pdf != 0
                 wo = si.to_local(ds.d)
                 value, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
@@ -193,13 +205,16 @@ class PathKernel:
                 contribution = throughput * si.to_world_mueller(value, -wo, si.wi) * emitter_weight * weight_em
                 active_em &= dr.any(contribution != 0)
                 shadow_ray = si.spawn_ray_to(ds.p)
+                shadow_ray.o = dr.select(reflects, ref_em.p, shadow_ray.o)
+                shadow_ray.d = dr.select(reflects, ds.d, shadow_ray.d)
+                shadow_ray.maxt = dr.select(reflects, ds.dist * (1 - mi.math.ShadowEpsilon), shadow_ray.maxt)
             else:
                 # Direction sampling alone: by the BSDF, or uniform or cosine for comparison.
                 bs, bsdf_weight = self.directions.sample(bsdf, ctx, si, lobe_and_roulette.x, u_direction, active_next)
 
             # ------------------------------ Visibility ------------------------------
 
-            if dr.hint(self.model.samples_emitters, mode="scalar"):
+            if dr.hint(self.samples_emitters, mode="scalar"):
                 is_visible = ~scene.ray_test(shadow_ray, False, active_em)
                 radiance[active_em & is_visible] = radiance + contribution
 
@@ -213,7 +228,7 @@ class PathKernel:
             eta[active_next] = eta * bs.eta
             origin = next_ray.o
             direction = next_ray.d
-            prev_p[active_next] = si.p
+            prev_p[active_next] = dr.select(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission), si.p, next_ray.o)
             prev_pdf[active_next] = bs.pdf
             prev_delta[active_next] = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
             depth[active_next] = depth + 1
@@ -223,7 +238,7 @@ class PathKernel:
             active_next &= dr.any(throughput != 0)
             if dr.hint(self.model.has_roulette, mode="scalar"):
                 survival = roulette.survival_probability(throughput, eta)
-                plays = depth >= self.model.rr_depth
+                plays = depth >= rr_depth
                 active_next &= ~plays | (lobe_and_roulette.y < survival)
                 throughput[plays] = throughput / survival
             active_next |= passes_through
@@ -238,9 +253,9 @@ class PathKernel:
             index[ended] = index + 1
             depth[ended] = 0
             is_new = ended
-            active &= index < self.model.replicate_size
+            active &= index < replicate_size
 
-        valid = mi.Float(self.model.replicate_size - invalid)
+        valid = mi.Float(replicate_size - invalid)
         return dr.select(valid > 0, total / valid, 0), invalid
 
     @staticmethod
@@ -251,3 +266,10 @@ class PathKernel:
         if mi.is_spectral:
             return mi.spectrum_to_srgb(radiance, wavelengths)
         return mi.Color3f(radiance)
+
+
+def _lanes(numbers: Any) -> Any:
+    """NumPy integers in Dr.Jit's own memory: an unaligned array would be compiled into the kernel as such."""
+    lanes = mi.UInt32(numbers) + dr.opaque(mi.UInt32, 0)
+    dr.eval(lanes)
+    return lanes

@@ -17,12 +17,13 @@ import drjit as dr
 # Types are those of the active Mitsuba variant (mi.UInt32, mi.Point2f, …), known only at run time.
 type_ = Any
 
+INDEX_BITS = 6  # replicates hold at most 64 samples
 ONE_MINUS_EPSILON = 1 - 2**-24
 
 
 def mix(x: type_) -> type_:
     """A bijective 32-bit finaliser with low bias (Wellons' `lowbias32`)."""
-    x ^= x >> 16
+    x = x ^ (x >> 16)  # not `^=`, which would change the caller's array
     x *= 0x7FEB352D
     x ^= x >> 15
     x *= 0x846CA68B
@@ -40,7 +41,7 @@ def reverse_bits(x: type_) -> type_:
 
 def scramble_reversed(x: type_, seed: type_) -> type_:
     """Owen scrambling of a number whose bits are reversed: every bit flips by a hash of the bits below it."""
-    x ^= x * 0x3D20ADEA
+    x = x ^ (x * 0x3D20ADEA)  # not `^=`, which would change the caller's array
     x += seed
     x *= (seed >> 16) | 1
     x ^= x * 0x05526C56
@@ -63,13 +64,17 @@ def unit(x: type_, float_type: type_) -> type_:
 
 
 class Sequence:
-    """Points of one replicate per lane. `key_a`, `key_b` (UInt32 per lane) identify (seed, pixel, replicate)."""
+    """Points of one replicate per lane.
 
-    def __init__(self, mi: type_, key_a: type_, key_b: type_, replicate_size: int, stratified: bool = True) -> None:
+    key_a, key_b: UInt32 per lane, identify (seed, pixel, replicate). replicate_size: a power of two up to 64, an int or
+    an opaque UInt32, so that one kernel serves all sizes.
+    """
+
+    def __init__(self, mi: type_, key_a: type_, key_b: type_, replicate_size: type_, stratified: bool = True) -> None:
         self.mi = mi
         self.key_a = key_a
         self.key_b = key_b
-        self.bits = replicate_size.bit_length() - 1
+        self.mask = replicate_size - 1
         self.stratified = stratified
 
     @staticmethod
@@ -95,12 +100,8 @@ class Sequence:
         if not self.stratified:  # independent uniform points: the plain alternative, for comparison
             salt = index * 0xC2B2AE35
             return mi.Point2f(unit(mix(seed_x ^ salt), mi.Float), unit(mix(seed_y ^ salt), mi.Float))
-        if self.bits == 0:
-            return mi.Point2f(unit(seed_x, mi.Float), unit(seed_y, mi.Float))
-        # A scrambled index visits the same first 2^bits points in another order. Owen-scrambling the low bits needs
-        # them at the bottom of a reversed word, which is where the scrambler wants them.
-        mask = (1 << self.bits) - 1
-        shuffled = reverse_bits(scramble_reversed(reverse_bits(mi.UInt32(index)), seed_order)) & mask
+        # A scrambled index visits the same first points in another order.
+        shuffled = reverse_bits(scramble_reversed(reverse_bits(mi.UInt32(index)), seed_order)) & self.mask
         x = scramble_reversed(shuffled, seed_x)  # the first coordinate is the index itself, reversed
-        y = scramble_reversed(reverse_bits(second_dimension(shuffled, self.bits)), seed_y)
+        y = scramble_reversed(reverse_bits(second_dimension(shuffled, INDEX_BITS)), seed_y)
         return mi.Point2f(unit(reverse_bits(x), mi.Float), unit(reverse_bits(y), mi.Float))

@@ -55,7 +55,8 @@ def image_error(moments: Moments, target: float | None = None) -> ImageError:
     trusted = float(trust(moments).mean()) if moments.count.size else 0.0
     measured = moments.count >= 2
     n_measured = int(measured.sum())
-    if n_measured == 0 or n_measured < min(MIN_MEASURED, moments.count.size):
+    is_black = not moments.mean.any()  # nothing found yet is no estimate, and not a perfect one
+    if is_black or n_measured == 0 or n_measured < min(MIN_MEASURED, moments.count.size):
         return ImageError(None, None, trusted)
     squared = pixel_rel_mse(moments)
     if n_measured < moments.count.size:

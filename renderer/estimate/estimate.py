@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +89,7 @@ class Estimate:
     @property
     def samples(self) -> int:
         """Camera paths traced."""
-        return int(self.moments.count.sum()) * self.replicate_size
+        return int(self.moments.tried.sum()) * self.replicate_size
 
     @property
     def spp(self) -> float:
@@ -115,9 +115,7 @@ class Estimate:
         if not (0 <= x < self.width and 0 <= y < self.height):
             raise SettingsError(f"pixel ({x}, {y}) is outside the image of {self.width}×{self.height}")
         i = y * self.width + x
-        one = Moments(
-            *(getattr(self.moments, n)[i : i + 1] for n in ("count", "mean", "m2", "nonzero", "largest", "invalid"))
-        )
+        one = Moments(*(getattr(self.moments, f.name)[i : i + 1] for f in fields(Moments)))
         count, luminance = int(one.count[0]), float(one.luminance()[0])
         errors = np.sqrt(one.variance_of_mean()[0])
         width = float(interval.half_width(one)[0, 3])

@@ -24,6 +24,7 @@ class Moments:
     count: (n,) int64 replicates. mean: (n, 3) radiance, RGB. m2: (n, 4) sum of squared deviations of R, G, B and Y;
     luminance has its own because channels are correlated. nonzero: (n,) int64 replicates that were not black.
     largest: (n,) luminance of the brightest replicate. invalid: (n,) int64 samples that were not finite.
+    tried: (n,) int64 replicates that were rendered; more than count where all samples of one were not finite.
     """
 
     count: NDArray[np.int64]
@@ -32,12 +33,13 @@ class Moments:
     nonzero: NDArray[np.int64]
     largest: Array
     invalid: NDArray[np.int64]
+    tried: NDArray[np.int64]
 
     @classmethod
     def empty(cls, n: int) -> Moments:
         """Moments of n pixels without any replicate."""
         whole = lambda: np.zeros(n, np.int64)  # noqa: E731
-        return cls(whole(), np.zeros((n, 3)), np.zeros((n, 4)), whole(), np.zeros(n), whole())
+        return cls(whole(), np.zeros((n, 3)), np.zeros((n, 4)), whole(), np.zeros(n), whole(), whole())
 
     def copy(self) -> Moments:
         """An independent copy."""
@@ -51,6 +53,7 @@ class Moments:
         radiance: (k, 3) replicate means. invalid: (k,) samples of each that were not finite; a replicate of which no
         sample was finite counts as invalid samples only.
         """
+        self.tried[pixels] += 1
         bad = invalid > 0
         if bad.any():
             self.invalid[pixels] += invalid
@@ -68,7 +71,7 @@ class Moments:
         mean += delta / count[:, None]
         after = value - mean
         self.m2[pixels, :3] += delta * after
-        self.m2[pixels, 3] += delta_y * (after @ LUMINANCE)
+        self.m2[pixels, 3] += np.square(delta_y) * ((count - 1) / count)  # never negative, unlike delta · after
         self.mean[pixels] = mean
         self.count[pixels] = count
         self.nonzero[pixels] += luminance != 0
@@ -88,6 +91,7 @@ class Moments:
             nonzero=self.nonzero + other.nonzero,
             largest=np.maximum(self.largest, other.largest),
             invalid=self.invalid + other.invalid,
+            tried=self.tried + other.tried,
         )
 
     def variance(self) -> Array:

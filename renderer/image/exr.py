@@ -46,6 +46,7 @@ EXACT = (
     "nonzero",
     "largest",
     "invalid",
+    "tried",
 )
 MOMENT_CHANNELS = tuple(f"{name}.{half}" for name in EXACT for half in ("low", "high"))
 FORMAT_VERSION = 1
@@ -102,7 +103,15 @@ def _picture_array(estimate: Estimate) -> NDArray[np.float32]:
 
 def _exact_array(estimate: Estimate) -> NDArray[np.uint32]:
     m = estimate.moments
-    columns = [m.mean, m.m2, m.count[:, None], m.nonzero[:, None], m.largest[:, None], m.invalid[:, None]]
+    columns = [
+        m.mean,
+        m.m2,
+        m.count[:, None],
+        m.nonzero[:, None],
+        m.largest[:, None],
+        m.invalid[:, None],
+        m.tried[:, None],
+    ]
     exact = np.concatenate([np.asarray(c, np.float64) for c in columns], axis=1)
     return np.ascontiguousarray(exact).view("<u4").reshape(estimate.height, estimate.width, -1)
 
@@ -160,6 +169,7 @@ def read_estimate(path: Path) -> Estimate:
                 nonzero=exact[:, 8].astype(np.int64),
                 largest=exact[:, 9].copy(),
                 invalid=exact[:, 10].astype(np.int64),
+                tried=exact[:, 11].astype(np.int64),
             ),
             identity=Identity(
                 scene=get("scene_digest"),

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from renderer.errors import SceneError
 from renderer.scene import rewrite
 from renderer.scene.requirements import Requirements, measure
-from renderer.scene.source import instantiate, parse
+from renderer.scene.source import Parsed, instantiate, load_part, parse
 from renderer.settings import UNLIMITED_DEPTH, Settings
 
 if TYPE_CHECKING:
@@ -27,6 +26,8 @@ class Scene:
     height: int
     requirements: Requirements
     mitsuba_scene: Any
+    sensor: Any
+    _parsed: Parsed = field(repr=False)
     _kernels: dict[Any, PathKernel] = field(default_factory=dict, repr=False)
 
     @property
@@ -35,9 +36,10 @@ class Scene:
         return self.requirements.warnings
 
     @property
-    def sensor(self) -> Any:
-        """The sensor that is rendered: the scene's first."""
-        return self.mitsuba_scene.sensors()[0]
+    def film(self) -> list[int]:
+        """Film width and height, crop offset and crop size: they decide what a pixel sees."""
+        film = self.sensor.film()
+        return [int(n) for part in (film.size(), film.crop_offset(), film.crop_size()) for n in part]
 
     def resolved(self, settings: Settings, replicate_size: int) -> Settings:
         """Settings with everything that the scene decides filled in."""
@@ -51,10 +53,11 @@ class Scene:
         )
 
     def sized(self, settings: Settings) -> Scene:
-        """This scene at the size that the settings ask for; itself where that is its size already."""
+        """This scene at the size that the settings ask for, sharing all but the sensor."""
         if settings.width in (None, self.width) and settings.height in (None, self.height):
             return self
-        return load_scene(self.source, settings=settings)
+        sensor, width, height = _make_sensor(self._parsed, self.mitsuba_scene, settings)
+        return replace(self, sensor=sensor, width=width, height=height, _kernels={})
 
     def kernel(self, settings: Settings) -> PathKernel:
         """The kernel for resolved settings."""
@@ -83,12 +86,17 @@ def load_scene(source: str | Path | dict[str, Any], *, settings: Settings | None
     asked = settings or Settings()
     parsed = parse(source)
     requirements = measure(parsed)
-    rewrite.resize(parsed.state, asked.width, asked.height)
     rewrite.neutralise_integrators(parsed.state)
+    rewrite.sensor_dict(parsed.state, asked.width, asked.height)  # refuses bad sizes before anything is loaded
     made = instantiate(parsed)
-    if not made.sensors():
-        raise SceneError(f"{parsed.name}: the scene has no sensor")
-    size = made.sensors()[0].film().crop_size()
-    width, height = int(size[0]), int(size[1])
-    rewrite.check_size(width, height)
-    return Scene(source, parsed.name, parsed.digest, width, height, requirements, made)
+    sensor, width, height = _make_sensor(parsed, made, asked)
+    return Scene(source, parsed.name, parsed.digest, width, height, requirements, made, sensor, parsed)
+
+
+def _make_sensor(parsed: Parsed, scene: Any, settings: Settings) -> tuple[Any, int, int]:
+    """The sensor at the asked size, with the width and height of its image."""
+    description = rewrite.sensor_dict(parsed.state, settings.width, settings.height)
+    sensor = load_part(parsed, description)
+    sensor.set_scene(scene)
+    size = sensor.film().crop_size()
+    return sensor, int(size[0]), int(size[1])

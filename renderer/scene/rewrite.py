@@ -1,4 +1,8 @@
-"""Changes to a parsed scene before it is instantiated: image size, and an integrator that Mitsuba can ignore."""
+"""Changes to a parsed scene before it is instantiated, and the sensor at the size that is asked for.
+
+A sensor is instantiated apart from its scene: an image size is then no reason to load the scene, build its ray-casting
+structure and compile its kernel again.
+"""
 
 from __future__ import annotations
 
@@ -12,26 +16,50 @@ _CROP = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
 _DEFAULT_FILM = {"width": 768, "height": 576}  # Mitsuba's own defaults
 
 
-def resize(state: Any, width: int | None, height: int | None) -> None:
-    """Sets the size of every film. One side alone scales the other; a new size drops the film's crop window."""
+def sensor_dict(state: Any, width: int | None, height: int | None) -> dict[str, Any]:
+    """The first sensor of a parsed scene as a Mitsuba dictionary, its film at the given size.
+
+    One side alone scales the other; a new size drops the film's crop window. Raises SettingsError outside 1 … 16384.
+    """
     mi = mitsuba()
-    for node in state.nodes:
-        if node.type != mi.ObjectType.Film:
-            continue
-        props = node.props
-        own_width, own_height = (int(props[k]) if k in props else _DEFAULT_FILM[k] for k in ("width", "height"))
-        if width is None and height is None:
-            check_size(own_width, own_height)
-            continue
-        new_width = width if width is not None else max(1, round(own_width * (height or 1) / own_height))
-        new_height = height if height is not None else max(1, round(own_height * (width or 1) / own_width))
-        check_size(new_width, new_height)
-        if (new_width, new_height) == (own_width, own_height):
-            continue
-        for key in (*_CROP, "width", "height"):
-            if key in props:
-                props.remove_property(key)
-        props["width"], props["height"] = new_width, new_height
+    nodes = state.nodes
+
+    def to_dict(node: Any) -> dict[str, Any]:
+        made: dict[str, Any] = {"type": node.props.plugin_name()}
+        for key in node.props.keys():  # noqa: SIM118 (Mitsuba's Properties is no mapping)
+            was_queried = node.props.was_queried(key)
+            value = node.props[key]
+            node.props.mark_queried(key, was_queried)  # reading must not hide a misspelt name from Mitsuba
+            if node.props.type(key) == mi.Properties.Type.ResolvedReference:
+                child = nodes[value.index()]
+                if child.type in (mi.ObjectType.Film, mi.ObjectType.ReconstructionFilter, mi.ObjectType.Texture):
+                    made[f"{key}_nested"] = to_dict(child)
+            else:
+                made[key] = value
+        if node.type == mi.ObjectType.Film:
+            _resize(made, width, height)
+        return made
+
+    sensor = next(node for node in nodes if node.type == mi.ObjectType.Sensor)
+    made = to_dict(sensor)
+    if not any(isinstance(part, dict) for part in made.values()):
+        film = {"type": "hdrfilm"}
+        _resize(film, width, height)
+        made["film"] = film
+    return made
+
+
+def _resize(film: dict[str, Any], width: int | None, height: int | None) -> None:
+    own_width, own_height = (int(film.get(side, _DEFAULT_FILM[side])) for side in ("width", "height"))
+    if width is None and height is None:
+        check_size(own_width, own_height)
+        return
+    new_width = width if width is not None else max(1, round(own_width * (height or 1) / own_height))
+    new_height = height if height is not None else max(1, round(own_height * (width or 1) / own_width))
+    check_size(new_width, new_height)
+    for key in _CROP:
+        film.pop(key, None)
+    film["width"], film["height"] = new_width, new_height
 
 
 def check_size(width: int, height: int) -> None:
@@ -47,5 +75,5 @@ def neutralise_integrators(state: Any) -> None:
         if node.type != mi.ObjectType.Integrator:
             continue
         for key in list(node.props.keys()):
-            node.props.remove_property(key)
+            del node.props[key]
         node.props.set_plugin_name("path")

@@ -68,7 +68,7 @@ def _reader(source: str | Path | dict[str, Any], config: Any) -> tuple[str, tupl
     if isinstance(source, dict):
         return "scene", (), lambda: parser.parse_dict(config, source)
     path = Path(source)
-    if not path.suffix and not path.exists():
+    if not path.suffix and not path.is_file():
         found = gallery.find(str(source))
         return found.name, (), lambda: parser.parse_dict(config, found.build())
     if path.suffix.lower() != ".xml":
@@ -84,13 +84,20 @@ def instantiate(parsed: Parsed) -> Any:
     """The Mitsuba scene of a parsed one (merges meshes and equal materials, as Mitsuba does)."""
     mi = mitsuba()
     config = mi.parser.ParserConfig(mi.variant())
+    state = mi.parser.ParserState(parsed.state)  # the passes change it; the parsed form is kept as it was read
     with _file_resolver(parsed.folders):
-        _guarded(lambda: mi.parser.transform_all(config, parsed.state), parsed.name)
-        made = _guarded(lambda: mi.parser.instantiate(config, parsed.state), parsed.name)
+        _guarded(lambda: mi.parser.transform_all(config, state), parsed.name)
+        made = _guarded(lambda: mi.parser.instantiate(config, state), parsed.name)
     scene = made[0] if isinstance(made, (list, tuple)) else made
     if not isinstance(scene, mi.Scene):
         raise SceneError(f"{parsed.name}: the outermost element is no scene but {type(scene).__name__}")
     return scene
+
+
+def load_part(parsed: Parsed, description: dict[str, Any]) -> Any:
+    """A Mitsuba object that belongs to a parsed scene, from its dictionary."""
+    with _file_resolver(parsed.folders):
+        return _guarded(lambda: mitsuba().load_dict(description), parsed.name)
 
 
 def _guarded(call: Any, what: str) -> Any:
@@ -123,7 +130,9 @@ def _digest(state: Any, resolver: Any) -> str:
                 "component_format",
             ):
                 continue
+            was_queried = node.props.was_queried(key)
             value = node.props[key]
+            node.props.mark_queried(key, was_queried)  # reading must not hide a misspelt name from Mitsuba
             h.update(f"\n {key}={_fingerprint(value)}".encode())
             if key in _FILE_PROPERTIES and (file := Path(str(resolver.resolve(str(value))))).is_file():
                 with open(file, "rb") as contents:
@@ -136,6 +145,8 @@ def _fingerprint(value: Any) -> str:
     if isinstance(value, (bool, int, float, str)):
         return repr(value)
     mi = mitsuba()
+    if "Transform" in type(value).__name__:
+        value = np.array(value.matrix)  # its text has six digits only
     if isinstance(value, mi.Object) and not isinstance(value, mi.Bitmap):
         parameters = mi.traverse(value)
         parts = [f"{k}:{_fingerprint(parameters[k])}" for k in sorted(parameters.keys())]

@@ -1,0 +1,33 @@
+"""The catalogue of built-in scenes, in the order in which they are shown."""
+
+from __future__ import annotations
+
+from renderer.errors import SceneError
+
+from . import caustic, cornell_box, furnace, gap, glass_sky, many_lights, materials, plates
+from .gallery_scene import GalleryScene
+
+_SCENES = (
+    cornell_box.SCENE,
+    plates.SCENE,
+    materials.SCENE,
+    glass_sky.SCENE,
+    caustic.SCENE,
+    many_lights.SCENE,
+    gap.SCENE,
+    furnace.SCENE,
+)
+
+
+def list_scenes() -> tuple[GalleryScene, ...]:
+    """All built-in scenes, easiest to read first."""
+    return _SCENES
+
+
+def find(name: str) -> GalleryScene:
+    """The built-in scene of that name; SceneError names the known ones where there is none."""
+    for scene in _SCENES:
+        if scene.name == name:
+            return scene
+    known = ", ".join(scene.name for scene in _SCENES)
+    raise SceneError(f'no built-in scene is called "{name}"; the gallery has {known}')

@@ -1,0 +1,50 @@
+"""The application.
+
+Importing this module does nothing; `create_app` puts the parts together, its lifespan starts them.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import FastAPI
+
+from service import errors, openapi
+from service.context import Service
+from service.page import Page
+from service.routes import events, frames, gallery, health, jobs, scenes
+from service.settings import ServiceSettings
+
+API_VERSION = "1"
+
+
+def create_app(settings: ServiceSettings) -> FastAPI:
+    """The service as an ASGI application."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        service = app.state.service = Service(settings)
+        await service.start()
+        try:
+            yield
+        finally:
+            await service.stop()
+
+    app = FastAPI(
+        title="Fredholm",
+        summary="Monte Carlo rendering that answers with error bars",
+        version=API_VERSION,
+        lifespan=lifespan,
+        docs_url="/docs",
+        redoc_url=None,
+        openapi_url="/api/openapi.json",
+    )
+    errors.install(app)
+    app.add_middleware(errors.RequestGuard, max_body_bytes=settings.max_body_bytes)
+    for module in (gallery, scenes, jobs, frames, events, health):
+        app.include_router(module.router)
+    app.mount("/", Page(settings.static_dir), name="page")
+    app.openapi = functools.partial(openapi.describe, app)
+    return app

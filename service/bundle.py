@@ -1,0 +1,170 @@
+"""Unpacks what a stranger uploaded: a scene as .xml, or a .zip with one scene and its files.
+
+Nothing in here parses a scene. Enters: bytes and a file name. Leaves: a folder with the files, the path of
+the one scene file in it, and a digest of the content. Everything odd is refused with a sentence that says
+what and why.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import stat
+import unicodedata
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import BinaryIO
+
+_CHUNK = 1 << 16
+# Small files may be packed as tightly as they like.
+_RATIO_FREE_BYTES = 1 << 20
+
+
+class BundleError(Exception):
+    """The upload is not a scene that can be unpacked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a bundle may hold: files, bytes when unpacked, and unpacked/packed ratio of one file."""
+
+    files: int
+    unpacked_bytes: int
+    ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """An unpacked upload.
+
+    scene: path of the scene file relative to the folder; digest: sha256 of names and content.
+    """
+
+    name: str
+    scene: str
+    digest: str
+
+
+def shown_name(name: str, fallback: str = "scene") -> str:
+    """A name safe to show and to log: no path, no control characters, at most 80 characters."""
+    last = re.split(r"[/\\]", unicodedata.normalize("NFC", name))[-1]
+    stem = re.sub(r"\.(xml|zip)$", "", last, flags=re.IGNORECASE)
+    kept = "".join(c for c in stem if unicodedata.category(c)[0] != "C")
+    return re.sub(r"\s+", " ", kept).strip()[:80] or fallback
+
+
+def unpack(source: BinaryIO, file_name: str, folder: Path, limits: Limits) -> Bundle:
+    """Write the files of an upload below `folder`, which must be empty. Raises BundleError."""
+    name = shown_name(file_name)
+    suffix = PurePosixPath(file_name.lower()).suffix
+    source.seek(0)
+    start = source.read(4)
+    source.seek(0)
+    if suffix == ".zip" or start == b"PK\x03\x04":
+        files = _unpack_zip(source, folder, limits)
+    elif suffix == ".xml":
+        content = source.read()
+        (folder / "scene.xml").write_bytes(content)
+        files = {"scene.xml": hashlib.sha256(content).hexdigest()}
+    else:
+        raise BundleError(f"{name}{suffix} is neither .xml nor .zip; upload a Mitsuba scene file or a zip with it")
+    scene = _scene_file(list(files))
+    digest = hashlib.sha256("".join(f"{path}\0{files[path]}\n" for path in sorted(files)).encode()).hexdigest()
+    return Bundle(name=name, scene=scene, digest=digest)
+
+
+def _unpack_zip(source: BinaryIO, folder: Path, limits: Limits) -> dict[str, str]:
+    """Unpack and return sha256 by path."""
+    try:
+        with zipfile.ZipFile(source) as archive:
+            entries = _vetted(archive, limits)
+            return {path: _extract(archive, entry, folder / path) for path, entry in entries.items()}
+    except (zipfile.BadZipFile, zlib.error, EOFError, UnicodeDecodeError) as error:
+        raise BundleError(f"the zip file is damaged ({error}); pack it again") from error
+    except NotImplementedError as error:
+        raise BundleError(f"the zip file uses a method that is not supported ({error}); use deflate") from error
+
+
+def _vetted(archive: zipfile.ZipFile, limits: Limits) -> dict[str, zipfile.ZipInfo]:
+    """The entries to unpack, by path; everything is checked before a byte is written."""
+    entries: dict[str, zipfile.ZipInfo] = {}
+    folded: set[str] = set()
+    total = 0
+    for entry in archive.infolist():
+        if entry.is_dir() or entry.filename.startswith("__MACOSX/") or entry.filename.endswith(".DS_Store"):
+            continue
+        path = _inside(entry.filename)
+        shown = repr(entry.filename[:100])
+        # Some systems do not tell case apart: two names that differ only there would overwrite each other.
+        if path.casefold() in folded:
+            raise BundleError(f"{shown} is in the zip file twice; keep one")
+        folded.add(path.casefold())
+        mode = entry.external_attr >> 16
+        if stat.S_IFMT(mode) not in (0, stat.S_IFREG):
+            raise BundleError(f"{shown} is a link or a special file; put the file itself into the zip")
+        if entry.flag_bits & 0x1:
+            raise BundleError(f"{shown} is encrypted; pack it without a password")
+        if entry.file_size > max(_RATIO_FREE_BYTES, limits.ratio * max(1, entry.compress_size)):
+            raise BundleError(
+                f"{shown} unpacks to more than {limits.ratio:g} times its packed size; pack it less tightly"
+            )
+        total += entry.file_size
+        if total > limits.unpacked_bytes:
+            raise BundleError(f"the files unpack to more than {limits.unpacked_bytes / 2**20:g} MiB; send less")
+        entries[path] = entry
+        if len(entries) > limits.files:
+            raise BundleError(f"the zip file holds more than {limits.files} files; send fewer")
+    if not entries:
+        raise BundleError("the zip file is empty; put a scene.xml and its files into it")
+    return entries
+
+
+def _inside(name: str) -> str:
+    """The path of an entry below the folder. Refuses what would lead out of it, on any system."""
+    shown = repr(name[:100])
+    if "\\" in name or any(unicodedata.category(c)[0] == "C" for c in name):
+        raise BundleError(f"{shown} has a backslash or a control character in its name; rename the file")
+    path = PurePosixPath(name)
+    if path.is_absolute() or re.match(r"^[A-Za-z]:", name):
+        raise BundleError(f"{shown} is an absolute path; paths in the zip must be relative")
+    if ".." in path.parts:
+        raise BundleError(f"{shown} leads out of the zip with '..'; paths must stay inside")
+    if len(path.parts) > 32 or any(len(part.encode()) > 255 for part in path.parts) or len(name) > 1000:
+        raise BundleError(f"{shown} is too long or too deep; shorten the path")
+    return str(path)
+
+
+def _extract(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, target: Path) -> str:
+    """Write one file, at most as long as it says it is; return its sha256."""
+    digest = hashlib.sha256()
+    written = 0
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with archive.open(entry) as packed, target.open("xb") as unpacked:
+            while chunk := packed.read(_CHUNK):
+                written += len(chunk)
+                if written > entry.file_size:
+                    raise BundleError(f"{entry.filename[:100]!r} is longer than the zip file says; pack it again")
+                digest.update(chunk)
+                unpacked.write(chunk)
+    except OSError as error:
+        raise BundleError(f"{entry.filename[:100]!r} cannot be unpacked ({error.strerror}); rename it") from error
+    return digest.hexdigest()
+
+
+def _scene_file(paths: list[str]) -> str:
+    """The one scene: scene.xml, or the only .xml, of the topmost folder that has any."""
+    candidates = [path for path in paths if path.lower().endswith(".xml")]
+    if not candidates:
+        raise BundleError("there is no .xml scene file in the zip; add the scene as scene.xml")
+    top = min(path.count("/") for path in candidates)
+    topmost = sorted(path for path in candidates if path.count("/") == top)
+    named = [path for path in topmost if PurePosixPath(path).name.lower() == "scene.xml"]
+    if len(named) == 1:
+        return named[0]
+    if len(topmost) > 1:
+        shown = ", ".join(topmost[:3])
+        raise BundleError(f"there are {len(topmost)} scene files ({shown}); name the one to render scene.xml")
+    return topmost[0]

@@ -1,0 +1,71 @@
+"""What the server and a render process say to each other.
+
+Plain frozen values; both sides may be killed at any time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from service.store.records import Progress
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """One job's turn at the renderer.
+
+    (job_id, attempt) names the live run in the render process; if it is not there, the run starts from
+    `checkpoint`, or from nothing. seconds: of rendering before the turn ends. save: write an estimate even if
+    none is due.
+    """
+
+    job_id: str
+    attempt: int
+    scene: str
+    is_gallery: bool
+    target: dict[str, Any]
+    settings: dict[str, Any]
+    checkpoint: str | None
+    display_path: str
+    estimates_dir: str
+    next_seq: int
+    seconds: float
+    checkpoint_seconds: float
+    save: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Why a scene cannot be loaded or rendered. trace: for the log only."""
+
+    title: str
+    detail: str
+    hint: str
+    trace: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TurnResult:
+    """What a turn led to.
+
+    progress is None if the turn rendered nothing; checkpoint names a newly saved estimate.
+    """
+
+    progress: Progress | None = None
+    curve: tuple[dict[str, float], ...] = ()
+    checkpoint: str | None = None
+    stopped_by: str | None = None
+    warnings: tuple[str, ...] = ()
+    failure: Failure | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SceneFacts:
+    """What loading an uploaded scene told."""
+
+    width: int = 0
+    height: int = 0
+    digest: str = ""
+    warnings: tuple[str, ...] = field(default=())
+    failure: Failure | None = None

@@ -1,0 +1,256 @@
+"""Runs inside a render process: the only place where scenes are loaded and rendered.
+
+Between calls it keeps compiled scenes and the suspended runs of live jobs. All of it may be lost at any
+moment: every call carries what is needed to begin again from the last saved estimate.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import multiprocessing
+import os
+import shutil
+import signal
+import threading
+import time
+import traceback
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from service.display import display_of, write_display
+from service.engine.references import refuse_outside_references
+from service.engine.turn import Failure, SceneFacts, Turn, TurnResult
+from service.store.records import Progress
+
+if TYPE_CHECKING:
+    from renderer import Scene, Settings, Snapshot, Target
+
+WARM_UP_SCENE = "cornell-box"
+_KEPT_SCENES = 4
+_log = logging.getLogger("service.worker")
+
+
+@dataclass(slots=True)
+class _Run:
+    """A job's suspended rendering."""
+
+    snapshots: Iterator[Snapshot]
+    scene: Scene
+    saved_seconds: float
+    last: Snapshot | None = None
+    last_seq: int = 0
+
+
+_scenes: OrderedDict[str, Scene] = OrderedDict()
+_runs: dict[tuple[str, int], _Run] = {}
+
+
+def begin(displays: Path | None) -> None:
+    """Set up a fresh process: it must not outlive its server, nor die of Ctrl-C before it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_exit_with_parent, args=(displays,), name="parent-watch", daemon=True).start()
+
+
+def _exit_with_parent(displays: Path | None) -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        if displays is not None:
+            shutil.rmtree(displays, ignore_errors=True)
+        os._exit(1)
+
+
+def warm_up() -> None:
+    """Import the renderer, compile and run a small picture, so that the first job need not wait for that."""
+    import renderer
+
+    # At the scene's own size and with the usual kind of target: the size of a replicate is compiled in.
+    for _ in renderer.progressive(WARM_UP_SCENE, renderer.Target(error=0.05)):
+        break
+
+
+def load_renderer() -> None:
+    """Import the renderer and choose its backend."""
+    from renderer import backend
+
+    backend.mitsuba()
+
+
+def inspect(path: str, folder: str) -> SceneFacts:
+    """Load an uploaded scene and tell what it is, or why it is refused. Its files must lie below `folder`."""
+    import renderer
+
+    try:
+        refuse_outside_references(Path(path), Path(folder))
+        scene = renderer.load_scene(path, settings=renderer.Settings())
+        return SceneFacts(scene.width, scene.height, scene.digest, tuple(scene.warnings))
+    except Exception as error:
+        return SceneFacts(failure=_failure(error))
+
+
+def advance(turn: Turn) -> TurnResult:
+    """Render one job for about `turn.seconds`, show the newest snapshot, save the estimate if due."""
+    key = (turn.job_id, turn.attempt)
+    try:
+        run, curve = _render_turn(turn)
+        assert run.last is not None
+        run.last_seq = turn.next_seq
+        display = display_of(run.last.estimate, seq=run.last_seq, seconds=run.last.seconds)
+        write_display(display, Path(turn.display_path))
+        is_over = run.last.stopped_by is not None
+        is_due = run.last.seconds - run.saved_seconds >= turn.checkpoint_seconds
+        result = TurnResult(
+            progress=_progress(run),
+            curve=curve,
+            checkpoint=_save(run, turn) if is_over or is_due or turn.save else None,
+            stopped_by=run.last.stopped_by,
+            warnings=tuple(run.scene.warnings),
+        )
+    except Exception as error:
+        _runs.pop(key, None)
+        return TurnResult(failure=_failure(error))
+    if is_over:
+        del _runs[key]
+    return result
+
+
+def retire(turn: Turn) -> TurnResult:
+    """Save what a live run has and forget the run. Says nothing if there is no such run."""
+    run = _runs.pop((turn.job_id, turn.attempt), None)
+    if run is None or run.last is None:
+        return TurnResult()
+    try:
+        return TurnResult(progress=_progress(run), checkpoint=_save(run, turn), warnings=tuple(run.scene.warnings))
+    except Exception as error:
+        return TurnResult(failure=_failure(error))
+
+
+def _render_turn(turn: Turn) -> tuple[_Run, tuple[dict[str, float], ...]]:
+    import renderer
+
+    run = _runs.get((turn.job_id, turn.attempt)) or _start(turn)
+    try:
+        return run, _render(run, turn)
+    except renderer.errors.CheckpointError as error:
+        if turn.checkpoint is None:
+            raise
+        # An estimate of another version or scene: losing the samples so far is better than losing the job.
+        _log.warning("saved estimate cannot be continued, starting again: %s", error)
+        run = _start(replace(turn, checkpoint=None))
+        return run, _render(run, turn)
+
+
+def _start(turn: Turn) -> _Run:
+    import renderer
+
+    for key in [key for key in _runs if key[0] == turn.job_id]:
+        del _runs[key]
+    settings = renderer.Settings(**turn.settings)
+    scene = _scene(turn, settings)
+    snapshots = _snapshots(scene, renderer.Target(**turn.target), settings, turn.checkpoint)
+    run = _runs[turn.job_id, turn.attempt] = _Run(snapshots, scene, 0.0)
+    return run
+
+
+def _snapshots(scene: Scene, target: Target, settings: Settings, checkpoint: str | None) -> Iterator[Snapshot]:
+    import renderer
+
+    start = renderer.Estimate.read(checkpoint) if checkpoint else None
+    yield from renderer.progressive(scene, target, settings, start=start)
+
+
+def _scene(turn: Turn, settings: Settings) -> Scene:
+    """The compiled scene, from the most recently used ones if it is among them."""
+    import renderer
+
+    if turn.scene not in _scenes:
+        _scenes[turn.scene] = renderer.load_scene(turn.scene, settings=settings)
+        while len(_scenes) > _KEPT_SCENES:
+            _scenes.popitem(last=False)
+    _scenes.move_to_end(turn.scene)
+    return _scenes[turn.scene].sized(settings)
+
+
+def _render(run: _Run, turn: Turn) -> tuple[dict[str, float], ...]:
+    """Advance a run until its turn is over; a run without any picture shows its first at once."""
+    curve: list[dict[str, float]] = []
+    is_first = run.last is None
+    ends = time.perf_counter() + turn.seconds
+    for snapshot in run.snapshots:
+        if is_first:
+            run.saved_seconds = snapshot.seconds
+        run.last = snapshot
+        if snapshot.error is not None and math.isfinite(snapshot.error):
+            curve.append({"seconds": snapshot.seconds, "spp": snapshot.spp, "error": snapshot.error})
+        if snapshot.stopped_by is not None or is_first or time.perf_counter() >= ends:
+            return tuple(curve)
+    raise RuntimeError("the renderer ended without saying why")
+
+
+def _save(run: _Run, turn: Turn) -> str:
+    """Write the estimate, durably, and return its path below the folder of estimates."""
+    assert run.last is not None
+    name = f"{turn.job_id}/{run.last_seq:08d}.exr"
+    path = Path(turn.estimates_dir) / name
+    run.last.estimate.write(path, {"job": turn.job_id})
+    _sync_folder(path.parent)
+    run.saved_seconds = run.last.seconds
+    return name
+
+
+def _sync_folder(folder: Path) -> None:
+    """A rename lasts once its folder is on disk; Windows has no such call."""
+    if os.name == "nt":
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _progress(run: _Run) -> Progress:
+    snapshot = run.last
+    assert snapshot is not None
+    forecast = asdict(snapshot.forecast) if snapshot.forecast is not None else None
+    return Progress(
+        error=_finite(snapshot.error),
+        spp=float(snapshot.spp),
+        samples=int(snapshot.samples),
+        seconds=float(snapshot.seconds),
+        frame_seq=run.last_seq,
+        forecast={name: _finite(value) for name, value in forecast.items()} if forecast else None,
+        share_within=_finite(snapshot.share_within),
+        share_trusted=_finite(snapshot.share_trusted),
+        invalid=int(snapshot.invalid),
+    )
+
+
+def _finite(value: float | None) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _failure(error: Exception) -> Failure:
+    """What to tell a user. Only the renderer's own errors are written for users; others may name paths."""
+    import renderer
+
+    if isinstance(error, renderer.errors.UnsupportedScene):
+        return Failure("The scene needs something that is not supported", str(error), "Change the scene.")
+    if isinstance(error, renderer.errors.SceneError):
+        return Failure("The scene could not be read", str(error), "Mend the scene and upload it again.")
+    if isinstance(error, renderer.errors.SettingsError):
+        return Failure("The settings do not fit", str(error), "Choose other settings and submit again.")
+    if isinstance(error, renderer.errors.FredholmError):
+        return Failure("Rendering failed", str(error), "Read the message; the log of the service may say more.")
+    trace = "".join(traceback.format_exception(error))
+    if isinstance(error, MemoryError):
+        return Failure("Out of memory", "The picture does not fit into memory.", "Ask for fewer pixels.", trace)
+    if isinstance(error, OSError) and error.strerror:
+        detail = f"The estimate could not be saved: {error.strerror}."
+        return Failure("A file could not be written", detail, "Free some disk space and submit again.", trace)
+    detail = f"The renderer stopped with an unexpected {type(error).__name__}."
+    return Failure("Rendering failed", detail, "Try other settings; the log of the service has the details.", trace)

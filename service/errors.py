@@ -1,0 +1,159 @@
+"""Errors as RFC 9457 problem bodies. No answer carries a trace or a path of this machine."""
+
+from __future__ import annotations
+
+from http import HTTPStatus
+from typing import Any
+
+import structlog
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.messages import FieldError, Problem
+from service.states import IllegalStep
+from service.store import JobNotFound
+
+MEDIA_TYPE = "application/problem+json"
+log = structlog.get_logger("service.errors")
+
+
+class ProblemError(Exception):
+    """An answer that is a problem: raise it from anywhere in a request."""
+
+    def __init__(self, status: int, kind: str, title: str, detail: str, errors: list[FieldError] | None = None) -> None:
+        self.problem = Problem(type=f"urn:fredholm:{kind}", title=title, status=status, detail=detail, errors=errors)
+        super().__init__(detail)
+
+
+def not_found(what: str, detail: str) -> ProblemError:
+    """404 with what was looked for."""
+    return ProblemError(404, "not-found", f"No such {what}", detail)
+
+
+def refused(field: str, message: str) -> ProblemError:
+    """422 for one field of a request."""
+    errors = [FieldError(field=field, message=message)]
+    return ProblemError(422, "invalid-request", "The request is not valid", f"{field}: {message}", errors)
+
+
+def too_large(limit_bytes: int) -> ProblemError:
+    """413 with the limit."""
+    limit = f"{limit_bytes / 2**20:g} MiB"
+    return ProblemError(
+        413,
+        "too-large",
+        "The upload is too large",
+        f"The body is larger than {limit}, the limit here; send less, or raise FREDHOLM_MAX_BODY_BYTES.",
+    )
+
+
+def answer(problem: Problem) -> JSONResponse:
+    """A problem as a response."""
+    body = problem.model_dump(exclude_none=True)
+    return JSONResponse(body, status_code=problem.status, media_type=MEDIA_TYPE)
+
+
+async def _on_problem(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, ProblemError)
+    return answer(error.problem)
+
+
+async def _on_invalid(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RequestValidationError)
+    errors = [_field_error(one) for one in error.errors()]
+    detail = "; ".join(f"{one.field}: {one.message}" for one in errors[:5])
+    return answer(
+        Problem(
+            type="urn:fredholm:invalid-request",
+            title="The request is not valid",
+            status=422,
+            detail=detail,
+            errors=errors,
+        )
+    )
+
+
+def _field_error(error: dict[str, Any]) -> FieldError:
+    place = [str(part) for part in error["loc"] if part not in ("body", "query", "path", "header")]
+    if error["type"] == "json_invalid":
+        return FieldError(field="body", message=f"not valid JSON: {error.get('ctx', {}).get('error', 'unreadable')}")
+    message = str(error["msg"]).removeprefix("Value error, ")
+    value = error.get("input")
+    if isinstance(value, str | int | float) and error["type"] != "value_error":
+        message = f"{message} (got {str(value)[:60]!r})" if isinstance(value, str) else f"{message} (got {value})"
+    return FieldError(field=".".join(place) or "body", message=message)
+
+
+async def _on_http(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)
+    phrase = HTTPStatus(error.status_code).phrase
+    details = {404: "There is nothing at this address.", 405: "This address does not take that method."}
+    detail = error.detail if error.detail != phrase else details.get(error.status_code, phrase)
+    response = answer(
+        Problem(type="about:blank", title=phrase, status=error.status_code, detail=str(detail), errors=None)
+    )
+    response.headers.update(error.headers or {})
+    return response
+
+
+async def _on_missing_job(_request: Request, error: Exception) -> JSONResponse:
+    return answer(not_found("job", f"{error}.".capitalize()).problem)
+
+
+async def _on_illegal_step(_request: Request, error: Exception) -> JSONResponse:
+    detail = f"{error}.".capitalize()
+    return answer(ProblemError(409, "wrong-state", "The job is in another state", detail).problem)
+
+
+async def _on_bug(request: Request, error: Exception) -> JSONResponse:
+    log.error("request failed", method=request.method, path=request.url.path, exc_info=error)
+    detail = "The service made a mistake; its log says more. Trying again may help."
+    return answer(ProblemError(500, "internal", "Internal error", detail).problem)
+
+
+def install(app: FastAPI) -> None:
+    """Let every error of the app end as a problem body."""
+    app.add_exception_handler(ProblemError, _on_problem)
+    app.add_exception_handler(RequestValidationError, _on_invalid)
+    app.add_exception_handler(HTTPException, _on_http)
+    app.add_exception_handler(JobNotFound, _on_missing_job)
+    app.add_exception_handler(IllegalStep, _on_illegal_step)
+    app.add_exception_handler(Exception, _on_bug)
+
+
+class RequestGuard:
+    """Refuses bodies over the limit while they arrive, and changes asked for by foreign web pages."""
+
+    def __init__(self, app: ASGIApp, max_body_bytes: int) -> None:
+        self._app = app
+        self._max_body_bytes = max_body_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            return await self._app(scope, receive, send)
+        request = Request(scope)
+        # A browser tells where a request comes from; a page of another site must not start or cancel jobs
+        # here.
+        if request.method not in ("GET", "HEAD") and request.headers.get("sec-fetch-site") == "cross-site":
+            detail = "Web pages of other sites cannot change anything here; open the service's own page."
+            problem = ProblemError(403, "cross-site", "Refused for pages of other sites", detail).problem
+            return await answer(problem)(scope, receive, send)
+        length = request.headers.get("content-length", "")
+        if length.isdecimal() and int(length) > self._max_body_bytes:
+            return await answer(too_large(self._max_body_bytes).problem)(scope, receive, send)
+
+        received = 0
+
+        async def counted() -> Message:
+            nonlocal received
+            message = await receive()
+            received += len(message.get("body", b""))
+            if received > self._max_body_bytes:
+                # An HTTPException, because FastAPI lets only those through while it reads a body.
+                raise HTTPException(413, detail=too_large(self._max_body_bytes).problem.detail)
+            return message
+
+        await self._app(scope, counted, send)

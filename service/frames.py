@@ -1,0 +1,190 @@
+"""Display → bytes for the page: IEEE halves as byte planes, which compress far better than interleaved ones.
+
+Layout, little endian: magic "FRD1", u32 length of the header, JSON header padded with spaces so that the
+planes start at a multiple of 8, then all low bytes of R, of G, of B, of SE, then all high bytes. SE is the
+standard error of luminance; +inf: fewer than two replicates, no error estimate yet.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gzip
+import json
+import math
+import struct
+from collections import OrderedDict
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Literal
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from service.display import Display
+from service.messages import FrameHeader
+
+MAGIC = b"FRD1"
+MEDIA_TYPE = "application/x-fredholm-frame"
+HALF_MAX = 65504.0
+_SMALLEST_HALF = 2.0**-24
+_EXPONENT_LIMIT = 120  # the scale must stay a float32 on the graphics card
+Encoding = Literal["zstd", "gzip", "identity"]
+
+
+def encode_frame(display: Display, reduce: Literal[1, 2] = 1) -> bytes:
+    """The uncompressed body of one frame."""
+    planes = np.empty((display.height, display.width, 4), dtype=np.float32)
+    planes[..., :3] = display.radiance
+    planes[..., 3] = np.where(display.replicates < 2, np.float32(np.inf), display.standard_error[..., 3])
+    if reduce == 2:
+        planes = _halved(planes)
+    height, width = planes.shape[:2]
+    scale = scale_for(planes)
+    halves, clamped = _to_half(planes, scale)
+    low_high = halves.transpose(2, 0, 1).reshape(-1).view(np.uint8).reshape(-1, 2)
+    spp = display.replicates.astype(np.float64) * display.replicate_size
+    header = FrameHeader(
+        seq=display.seq,
+        width=width,
+        height=height,
+        channels=["R", "G", "B", "SE"],
+        spp_min=float(spp.min()),
+        spp_max=float(spp.max()),
+        spp_mean=float(spp.mean()),
+        replicates_min=int(display.replicates.min()),
+        replicates_max=int(display.replicates.max()),
+        replicate_size=display.replicate_size,
+        seconds=display.seconds,
+        scale=scale,
+        reduce=reduce,
+        layout="byteplanes-half",
+        rounded=False,
+        filled=bool((display.replicates == 0).any()),
+        clamped=clamped,
+    )
+    text = json.dumps(header.model_dump()).encode()
+    padded = text.ljust(-(-(8 + len(text)) // 8) * 8 - 8)
+    return b"".join((MAGIC, struct.pack("<I", len(padded)), padded, low_high.T.tobytes()))
+
+
+def decode_frame(body: bytes) -> tuple[FrameHeader, NDArray[np.float64]]:
+    """Header and planes (H, W, 4) of an uncompressed body: the inverse of `encode_frame`, up to rounding."""
+    if body[:4] != MAGIC:
+        raise ValueError(f"a frame starts with {MAGIC!r}, this starts with {body[:4]!r}")
+    (length,) = struct.unpack_from("<I", body, 4)
+    header = FrameHeader.model_validate_json(body[8 : 8 + length])
+    low_high = np.frombuffer(body, dtype=np.uint8, offset=8 + length).reshape(2, -1)
+    halves = np.ascontiguousarray(low_high.T).view(np.float16)
+    planes = halves.reshape(4, header.height, header.width).transpose(1, 2, 0)
+    return header, planes.astype(np.float64) / header.scale
+
+
+def scale_for(planes: NDArray[np.float32]) -> float:
+    """A power of two that brings the largest value to the top of the halves: the most room below.
+
+    Where one huge value would push the typical ones into the denormals, the typical ones win and the huge is
+    clamped.
+    """
+    size = np.abs(planes)
+    positive = size[np.isfinite(size) & (size > 0)]
+    if positive.size == 0:
+        return 1.0
+    # 2^15 ≤ largest · 2^exponent·2 < 2^16
+    exponent = 15 - math.frexp(float(positive.max()))[1]
+    typical = math.frexp(float(np.median(positive)))[1]
+    exponent = max(exponent, -8 - typical)
+    return math.ldexp(1.0, max(-_EXPONENT_LIMIT, min(_EXPONENT_LIMIT, exponent)))
+
+
+def _to_half(planes: NDArray[np.float32], scale: float) -> tuple[NDArray[np.float16], int]:
+    """Halves of planes · scale: finite stays finite, a positive error stays positive.
+
+    And how many were clamped.
+    """
+    scaled = planes.astype(np.float64) * scale
+    over = np.isfinite(scaled) & (np.abs(scaled) > HALF_MAX)
+    clamped = int(over.sum())
+    if clamped:
+        scaled[over] = np.copysign(HALF_MAX, scaled[over])
+    # 0 ± 0 means "no estimate yet": rounding must not make it.
+    error = scaled[..., 3]
+    error[(error > 0) & (error < _SMALLEST_HALF)] = _SMALLEST_HALF
+    return scaled.astype(np.float16), clamped
+
+
+def _halved(planes: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Mean of 2×2 pixels; the standard error of a mean of n independent pixels is √ΣSE²/n.
+
+    Odd edges: of 1 or 2.
+    """
+    height, width = planes.shape[:2]
+    even = ((0, height % 2), (0, width % 2))
+    total = planes.astype(np.float64)
+    total[..., 3] **= 2
+    total = np.pad(total, (*even, (0, 0)))
+    n = np.pad(np.ones((height, width)), even)
+    total = total[0::2, 0::2] + total[1::2, 0::2] + total[0::2, 1::2] + total[1::2, 1::2]
+    n = n[0::2, 0::2] + n[1::2, 0::2] + n[0::2, 1::2] + n[1::2, 1::2]
+    total[..., 3] = np.sqrt(total[..., 3])
+    return (total / n[..., None]).astype(np.float32)
+
+
+def choose_encoding(accept: str) -> Encoding:
+    """The best encoding that an Accept-Encoding header allows."""
+    quality: dict[str, float] = {}
+    for part in accept.lower().split(","):
+        name, _, parameter = part.strip().partition(";")
+        try:
+            quality[name.strip()] = float(parameter.strip().removeprefix("q=")) if parameter else 1.0
+        except ValueError:
+            quality[name.strip()] = 0.0
+    for encoding in ("zstd", "gzip"):
+        if quality.get(encoding, 0.0) > 0:
+            return encoding
+    return "identity"
+
+
+def compress(body: bytes, encoding: Encoding) -> bytes:
+    """The body in an encoding, at its fastest level."""
+    if encoding == "zstd":
+        return zstandard.ZstdCompressor(level=1).compress(body)
+    return gzip.compress(body, compresslevel=1, mtime=0) if encoding == "gzip" else body
+
+
+class FrameCache:
+    """The most recent bodies by key, at most `limit_bytes` of them. For use from one event loop."""
+
+    def __init__(self, limit_bytes: int = 128 << 20) -> None:
+        self._limit_bytes = limit_bytes
+        self._bodies: OrderedDict[tuple[object, ...], bytes] = OrderedDict()
+        self._bytes = 0
+        self._making: dict[tuple[object, ...], tuple[asyncio.Lock, int]] = {}
+
+    @asynccontextmanager
+    async def making(self, key: tuple[object, ...]) -> AsyncIterator[None]:
+        """Lets one caller at a time look for a body and make it; the others find it made."""
+        lock, users = self._making.get(key, (asyncio.Lock(), 0))
+        self._making[key] = (lock, users + 1)
+        try:
+            async with lock:
+                yield
+        finally:
+            lock, users = self._making[key]
+            if users == 1:
+                del self._making[key]
+            else:
+                self._making[key] = (lock, users - 1)
+
+    def get(self, key: tuple[object, ...]) -> bytes | None:
+        """A body, or None."""
+        if key in self._bodies:
+            self._bodies.move_to_end(key)
+        return self._bodies.get(key)
+
+    def put(self, key: tuple[object, ...], body: bytes) -> None:
+        """Keep a body; the least recently used ones make room."""
+        self._bytes += len(body) - len(self._bodies.pop(key, b""))
+        self._bodies[key] = body
+        while self._bytes > self._limit_bytes and len(self._bodies) > 1:
+            self._bytes -= len(self._bodies.popitem(last=False)[1])

@@ -1,0 +1,124 @@
+"""Tells every open page what happens.
+
+Transitions come from the store, in order, none lost; of progress the latest wins.
+
+A client that does not keep up is disconnected once its queue is full: it comes back with its last event id
+and the store replays what it missed. So a slow client costs a bounded amount of memory.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import AsyncIterator
+
+from service.messages import ProgressMessage
+from service.store import EventRecord, JobStore
+
+_PAGE = 200
+_QUEUE_LIMIT = 1000
+
+
+class Subscription:
+    """What one client has yet to be told."""
+
+    def __init__(self) -> None:
+        self._transitions: deque[EventRecord] = deque()
+        self._progress: dict[str, ProgressMessage] = {}
+        self._news = asyncio.Event()
+        self._is_closed = False
+
+    def tell_transition(self, event: EventRecord) -> None:
+        """Queue a transition; a full queue ends the subscription."""
+        if len(self._transitions) >= _QUEUE_LIMIT:
+            self.close()
+            return
+        # What was known before the transition is not news after it.
+        self._progress.pop(event.job.id, None)
+        self._transitions.append(event)
+        self._news.set()
+
+    def tell_progress(self, progress: ProgressMessage) -> None:
+        """Replace what was to be told of this job."""
+        self._progress[progress.id] = progress
+        self._news.set()
+
+    def close(self) -> None:
+        """End the stream."""
+        self._is_closed = True
+        self._news.set()
+
+    async def news(self) -> AsyncIterator[EventRecord | ProgressMessage]:
+        """All that comes, until the subscription is closed."""
+        while not self._is_closed:
+            await self._news.wait()
+            self._news.clear()
+            while (self._transitions or self._progress) and not self._is_closed:
+                if self._transitions:
+                    yield self._transitions.popleft()
+                else:
+                    yield self._progress.pop(next(iter(self._progress)))
+
+
+class Hub:
+    """Everyone who listens."""
+
+    def __init__(self, store: JobStore) -> None:
+        self._store = store
+        self._subscriptions: set[Subscription] = set()
+        self._reading = asyncio.Lock()
+        self._last_event_id = 0
+        self._is_closed = False
+
+    async def start(self) -> None:
+        """Begin after the newest transition there is."""
+        self._last_event_id = await asyncio.to_thread(self._store.last_event_id)
+
+    @property
+    def last_event_id(self) -> int:
+        """Id of the newest transition that was told."""
+        return self._last_event_id
+
+    async def tell_transitions(self) -> None:
+        """Pass on what is new in the store. One reader at a time keeps the order of the ids."""
+        async with self._reading:
+            while events := await asyncio.to_thread(self._store.events_after, self._last_event_id, _PAGE):
+                self._last_event_id = events[-1].id
+                for event in events:
+                    for subscription in tuple(self._subscriptions):
+                        subscription.tell_transition(event)
+
+    def tell_progress(self, progress: ProgressMessage) -> None:
+        """Pass on how a job gets on."""
+        for subscription in tuple(self._subscriptions):
+            subscription.tell_progress(progress)
+
+    async def missed(self, after: int, until: int) -> AsyncIterator[EventRecord]:
+        """Transitions from `after` (exclusive) to `until` (inclusive), page by page."""
+        while after < until:
+            events = await asyncio.to_thread(self._store.events_after, after, _PAGE)
+            if not events:
+                return
+            for event in events:
+                if event.id > until:
+                    return
+                yield event
+            after = events[-1].id
+
+    def subscribe(self) -> Subscription:
+        """A new listener, from now on; unsubscribe it in the end."""
+        subscription = Subscription()
+        if self._is_closed:
+            subscription.close()
+        self._subscriptions.add(subscription)
+        return subscription
+
+    def unsubscribe(self, subscription: Subscription) -> None:
+        """Forget a listener."""
+        self._subscriptions.discard(subscription)
+
+    def close(self) -> None:
+        """End all streams: the server can only stop when they have."""
+        self._is_closed = True
+        for subscription in tuple(self._subscriptions):
+            subscription.close()

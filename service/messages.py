@@ -1,0 +1,305 @@
+"""Wire types: what the API says and hears.
+
+The page's types are generated from these; change them with care.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from service.states import State
+from service.store.records import JobRecord, Progress, SceneRecord
+
+Technique = Literal["mis", "bsdf", "emitter", "cosine", "uniform"]
+StoppedBy = Literal["error", "seconds", "spp", "cancelled"]
+Side = Annotated[int, Field(ge=1, le=16384)]
+
+
+class _Request(BaseModel):
+    # A misspelt field is told, not ignored.
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class SceneChoice(_Request):
+    """Which scene: one of the gallery by name, or an uploaded one by id."""
+
+    gallery: str | None = None
+    id: str | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.gallery is None) == (self.id is None):
+            raise ValueError("name exactly one scene: gallery (a name) or id (of an uploaded scene)")
+        return self
+
+
+class TargetRequest(_Request):
+    """When to stop; the first limit reached wins."""
+
+    error: float | None = Field(default=None, ge=1e-6, le=10, description="relative error, 0.02 = 2 %")
+    seconds: float | None = Field(default=None, ge=1e-3, le=1e8, description="of rendering")
+    spp: int | None = Field(default=None, ge=1, le=2**31, description="samples per pixel")
+
+    @model_validator(mode="after")
+    def _at_least_one(self) -> Self:
+        if self.error is None and self.seconds is None and self.spp is None:
+            raise ValueError("the target is empty; give at least one of error, seconds or spp")
+        return self
+
+
+class SettingsRequest(_Request):
+    """Which estimator; what is left out comes from the scene."""
+
+    width: Side | None = None
+    height: Side | None = None
+    seed: int = Field(default=0, ge=0, le=2**63 - 1)
+    max_depth: int | None = Field(default=None, ge=-1, le=1_000_000, description="-1 = unlimited")
+    technique: Technique = "mis"
+
+
+class JobRequest(_Request):
+    """A picture to be rendered."""
+
+    scene: SceneChoice
+    target: TargetRequest
+    settings: SettingsRequest = Field(default_factory=SettingsRequest)
+
+
+class SceneName(BaseModel):
+    """The scene of a job; one of gallery and id is set."""
+
+    gallery: str | None
+    id: str | None
+    name: str
+
+
+class Target(BaseModel):
+    """When a job stops."""
+
+    error: float | None
+    seconds: float | None
+    spp: int | None
+
+
+class Settings(BaseModel):
+    """Which estimator a job runs, resolved. max_depth null: the scene's own."""
+
+    width: int
+    height: int
+    seed: int
+    max_depth: int | None
+    technique: Technique
+
+
+class Forecast(BaseModel):
+    """Render time still needed to reach the error target, with its interval."""
+
+    seconds_left: float | None
+    low: float | None
+    high: float | None
+
+
+class Cause(BaseModel):
+    """Why a job failed, and what to try."""
+
+    title: str
+    detail: str
+    hint: str
+
+
+class ProgressMessage(BaseModel):
+    """What changes while a job runs."""
+
+    id: str
+    state: State
+    error: float | None
+    spp: float
+    samples: int
+    seconds: float
+    frame_seq: int
+    forecast: Forecast | None
+    share_within: float | None
+    share_trusted: float | None
+    invalid: int
+
+    @classmethod
+    def of(cls, job: JobRecord, progress: Progress) -> Self:
+        """The progress of a job."""
+        return cls.model_validate({"id": job.id, "state": job.state, **_progress_fields(progress)})
+
+
+class Job(BaseModel):
+    """One job. error: relative (0.031 = 3.1 %); seconds: of rendering; frame_seq 0: no frame yet."""
+
+    id: str
+    name: str
+    scene: SceneName
+    state: State
+    target: Target
+    settings: Settings
+    created_at: str
+    started_at: str | None
+    finished_at: str | None
+    error: float | None
+    spp: float
+    samples: int
+    seconds: float
+    frame_seq: int
+    stopped_by: StoppedBy | None
+    queue_position: int | None = Field(description="1 = next; null unless queued")
+    forecast: Forecast | None
+    share_within: float | None
+    share_trusted: float | None
+    invalid: int
+    cause: Cause | None
+    warnings: list[str]
+
+    @classmethod
+    def of(cls, job: JobRecord, *, queue_position: int | None = None) -> Self:
+        """The message for a stored job."""
+        return cls.model_validate(
+            {
+                **{name: getattr(job, name) for name in _COPIED},
+                **_progress_fields(job.progress),
+                "scene": {
+                    "gallery": job.scene_ref if job.scene_kind == "gallery" else None,
+                    "id": job.scene_ref if job.scene_kind == "upload" else None,
+                    "name": job.scene_name,
+                },
+                "curve": list(job.curve),
+                "queue_position": queue_position if job.state is State.QUEUED else None,
+                "warnings": list(job.warnings),
+            }
+        )
+
+
+_COPIED = (
+    *("id", "name", "state", "target", "settings", "created_at", "started_at", "finished_at"),
+    *("stopped_by", "cause"),
+)
+
+
+def _progress_fields(progress: Progress) -> dict[str, Any]:
+    return {name: getattr(progress, name) for name in Progress.__dataclass_fields__}
+
+
+class CurvePoint(BaseModel):
+    """One point of the convergence curve."""
+
+    seconds: float
+    spp: float
+    error: float
+
+
+class JobDetail(Job):
+    """One job with its convergence curve."""
+
+    curve: list[CurvePoint]
+
+
+class JobList(BaseModel):
+    """Jobs, newest first."""
+
+    jobs: list[Job]
+
+
+class GalleryScene(BaseModel):
+    """A built-in scene."""
+
+    name: str
+    title: str
+    teaches: str
+    width: int
+    height: int
+    thumbnail: str = Field(description="relative address of a PNG")
+
+
+class Scene(BaseModel):
+    """An uploaded scene."""
+
+    id: str
+    name: str
+    width: int
+    height: int
+    digest: str
+    warnings: list[str]
+
+    @classmethod
+    def of(cls, scene: SceneRecord) -> Self:
+        """The message for a stored scene."""
+        return cls.model_validate({name: getattr(scene, name) for name in cls.model_fields})
+
+
+class Pixel(BaseModel):
+    """One pixel: value and standard error of R, G, B (and Y), and the 95 % interval of luminance Y."""
+
+    x: int
+    y: int
+    value: list[float | None] = Field(min_length=3, max_length=3)
+    standard_error: list[float | None] = Field(min_length=4, max_length=4)
+    luminance: float | None
+    interval: list[float] | None = Field(description="low, high; null with fewer than two replicates")
+    samples: int
+    replicates: int
+    trusted: bool
+
+
+class Hello(BaseModel):
+    """First event of every stream: a new server id means that the server was started again."""
+
+    server: str
+    last_event_id: int
+
+
+class FrameHeader(BaseModel):
+    """JSON header of a frame body: see the description of the frame's address for the layout."""
+
+    seq: int
+    width: int = Field(description="of the planes, after reduction")
+    height: int
+    channels: list[Literal["R", "G", "B", "SE"]]
+    spp_min: float
+    spp_max: float
+    spp_mean: float
+    replicates_min: int
+    replicates_max: int
+    replicate_size: int
+    seconds: float
+    scale: float = Field(description="a power of two; half = value * scale")
+    reduce: Literal[1, 2] = Field(description="2: each pixel is the mean of 2x2")
+    layout: Literal["byteplanes-half"]
+    rounded: bool
+    filled: bool = Field(description="some pixels without samples show their neighbour's value")
+    clamped: int = Field(description="finite values too large for the frame, shown as the largest")
+
+
+class FieldError(BaseModel):
+    """One field that was refused."""
+
+    field: str
+    message: str
+
+
+class Problem(BaseModel):
+    """RFC 9457 problem body of every error."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    errors: list[FieldError] | None = None
+
+
+class Health(BaseModel):
+    """The server answers."""
+
+    status: Literal["ok"]
+
+
+class Readiness(BaseModel):
+    """Whether jobs start at once."""
+
+    status: Literal["ready", "starting"]
+    renderer: Literal["warm", "starting", "down"]

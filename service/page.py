@@ -1,0 +1,36 @@
+"""Serves the built page: files named after their content for ever, everything else always asked for again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from starlette.responses import HTMLResponse, Response
+from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
+
+_NOT_BUILT = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>Fredholm</title>
+<style>body{font:15px/1.5 system-ui;background:#161616;color:#e6e6e6;
+  max-width:40em;margin:4em auto;padding:0 1em}
+a{color:#5aa9ff}code{background:#2a2a2a;padding:.1em .3em}</style>
+<h1>The service runs, its page is not built</h1>
+<p>Run <code>make run</code> in the project's folder: it builds the page and starts the service.
+The API works without it: see <a href="docs">its documentation</a>.</p></html>
+"""
+
+
+class Page(StaticFiles):
+    """The folder of the page; a page that says how to build it while there is none."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(directory=folder, html=True, check_dir=False)
+        self._index = folder / "index.html"
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """One file of the page."""
+        if path in (".", "index.html") and not self._index.is_file():
+            return HTMLResponse(_NOT_BUILT, headers={"Cache-Control": "no-cache"})
+        response = await super().get_response(path, scope)
+        is_hashed = path.startswith("assets/") and response.status_code in (200, 304)
+        response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if is_hashed else "no-cache"
+        return response

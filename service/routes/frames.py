@@ -1,0 +1,150 @@
+"""The picture of a job: frames for the page, one pixel, EXR and PNG."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi.responses import FileResponse
+
+from service import frames
+from service.context import Service, ServiceContext
+from service.display import Display
+from service.errors import ProblemError, not_found, refused
+from service.messages import Pixel
+from service.pixels import png_bytes, read_pixel
+from service.routes.jobs import up_to_date
+from service.store import JobRecord
+
+router = APIRouter(prefix="/api/jobs/{job_id}", tags=["pictures"])
+
+_FRAME_ANSWERS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": (frames.__doc__ or "") + "\nThe header is a FrameHeader.",
+        "content": {frames.MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}},
+        "headers": {
+            "X-Frame-Seq": {
+                "schema": {"type": "integer"},
+                "description": "sequence number, as in the frame's header",
+            },
+            "ETag": {"schema": {"type": "string"}},
+        },
+    },
+    204: {"description": "Nothing newer than `after`."},
+    304: {"description": "The frame of If-None-Match is the newest."},
+    404: {},
+}
+
+
+@router.get("/frames/latest", response_class=Response, responses=_FRAME_ANSWERS)
+async def latest_frame(
+    job_id: str,
+    service: ServiceContext,
+    after: Annotated[int, Query(ge=0, description="sequence number of the newest frame at hand")] = 0,
+    scale: Annotated[Literal["1", "2"], Query(description="2: half the width and height")] = "1",
+    accept_encoding: Annotated[str, Header()] = "",
+    if_none_match: Annotated[str, Header()] = "",
+) -> Response:
+    """The newest frame, if it is newer than `after`."""
+    job = await _current(service, job_id)
+    if job.progress.frame_seq <= after:
+        return Response(status_code=204, headers={"X-Frame-Seq": str(job.progress.frame_seq)})
+    encoding = frames.choose_encoding(accept_encoding)
+    reduce: Literal[1, 2] = 2 if scale == "2" else 1
+    tag = f'"{job_id}-{job.progress.frame_seq}-{reduce}-{encoding}"'
+    headers = {"Cache-Control": "no-cache", "Vary": "Accept-Encoding", "ETag": tag}
+    headers["X-Frame-Seq"] = str(job.progress.frame_seq)
+    if tag in if_none_match:
+        return Response(status_code=304, headers=headers)
+    display = await _display(service, job)
+    headers |= {"X-Frame-Seq": str(display.seq), "ETag": f'"{job_id}-{display.seq}-{reduce}-{encoding}"'}
+    body = await _frame_body(service, job_id, display, reduce, encoding)
+    if encoding != "identity":
+        headers["Content-Encoding"] = encoding
+    return Response(body, media_type=frames.MEDIA_TYPE, headers=headers)
+
+
+async def _frame_body(
+    service: Service, job_id: str, display: Display, reduce: Literal[1, 2], encoding: frames.Encoding
+) -> bytes:
+    """Encoded once for all who ask, and only when someone does."""
+    key = (job_id, display.seq, reduce, encoding)
+    async with service.frames.making(key):
+        body = service.frames.get(key)
+        if body is None:
+            body = await asyncio.to_thread(
+                lambda: frames.compress(frames.encode_frame(display, reduce=reduce), encoding)
+            )
+            service.frames.put(key, body)
+    return body
+
+
+@router.get("/pixel", responses={404: {}, 422: {}})
+async def pixel(
+    job_id: str,
+    service: ServiceContext,
+    x: Annotated[int, Query(ge=0, description="column")],
+    y: Annotated[int, Query(ge=0, description="row, 0 at the top")],
+) -> Pixel:
+    """One pixel with its error bars."""
+    job = await _current(service, job_id)
+    for name, value, side in (("x", x, "width"), ("y", y, "height")):
+        if value >= job.settings[side]:
+            raise refused(name, f"{value} is outside the picture, whose {side} is {job.settings[side]}")
+    return read_pixel(await _display(service, job), x, y)
+
+
+@router.get("/image.exr", response_class=FileResponse, responses={404: {}})
+async def image_exr(job_id: str, service: ServiceContext) -> FileResponse:
+    """The newest saved estimate: picture, standard errors, counts and moments in one EXR."""
+    job = await _current(service, job_id)
+    if job.checkpoint is None:
+        # A young job has none yet: have one made rather than refuse.
+        await service.runner.save_now(job_id)
+        job = await _current(service, job_id)
+    if job.checkpoint is None:
+        raise _no_picture(job)
+    path = service.files.path(job.checkpoint)
+    return FileResponse(path, media_type="image/x-exr", filename=f"{job.scene_ref}-{job_id}.exr")
+
+
+@router.get("/image.png", response_class=Response, responses={200: {"content": {"image/png": {}}}, 404: {}, 422: {}})
+async def image_png(
+    job_id: str,
+    request: Request,
+    service: ServiceContext,
+    exposure: Annotated[float, Query(ge=-30, le=30, allow_inf_nan=False, description="stops")] = 0.0,
+) -> Response:
+    """The picture as sRGB, clipped: to look at, not to measure."""
+    job = await _current(service, job_id)
+    display = await _display(service, job)
+    tag = f'"{job_id}-{display.seq}-{exposure:g}"'
+    headers = {"Cache-Control": "no-cache", "ETag": tag}
+    if tag in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
+    headers["Content-Disposition"] = f'inline; filename="{job.scene_ref}-{job_id}.png"'
+    body = await asyncio.to_thread(png_bytes, np.asarray(display.radiance), exposure)
+    return Response(body, media_type="image/png", headers=headers)
+
+
+async def _current(service: Service, job_id: str) -> JobRecord:
+    return up_to_date(service, await asyncio.to_thread(service.jobs.get, job_id))
+
+
+async def _display(service: Service, job: JobRecord) -> Display:
+    live = service.runner.live(job.id)
+    path = live.display_path if live else None
+    display = await asyncio.to_thread(service.files.display, path, job.checkpoint, job.progress)
+    if display is None:
+        # The job may have ended between the two looks: its saved estimate is there now.
+        job = await asyncio.to_thread(service.jobs.get, job.id)
+        display = await asyncio.to_thread(service.files.display, None, job.checkpoint, job.progress)
+    if display is None:
+        raise _no_picture(job)
+    return display
+
+
+def _no_picture(job: JobRecord) -> ProblemError:
+    return not_found("picture", f"The job is {job.state} and has no picture yet; ask again once it has a frame.")

@@ -1,0 +1,306 @@
+"""Drives the jobs: claim, let each have its turn, record what came of it, start again what was lost.
+
+One task does all of it, one turn after the other. Everyone else only leaves wishes (a cancel, a save) and
+wakes it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import structlog
+
+from service.dispatch import Candidate, next_job
+from service.engine import worker
+from service.engine.local import LocalEngine, Lost
+from service.engine.turn import Failure, Turn, TurnResult
+from service.estimates import EstimateFiles
+from service.hub import Hub
+from service.messages import ProgressMessage
+from service.settings import ServiceSettings
+from service.states import Step
+from service.store import JobRecord, JobStore, Progress
+
+# Frames after the last saved one are forgotten when the server dies; their numbers must not come again.
+_SEQ_GAP = 1000
+_CURVE_LIMIT = 400
+_STOP_SECONDS = 1.2  # whoever presses Ctrl-C waits for this; what is not saved by then is rendered again
+
+
+@dataclass(slots=True)
+class LiveJob:
+    """A running job: what is known of it beyond its row."""
+
+    record: JobRecord
+    progress: Progress
+    checkpoint: str | None
+    curve: list[dict[str, float]]
+    display_path: Path
+    seq: int
+    has_picture: bool
+    last_turn: int = 0
+    wants_cancel: bool = False
+    wants_save: bool = False
+    changed: asyncio.Event = field(default_factory=asyncio.Event)
+
+
+class Runner:
+    """The running jobs of this server."""
+
+    def __init__(
+        self,
+        settings: ServiceSettings,
+        store: JobStore,
+        engine: LocalEngine,
+        hub: Hub,
+        files: EstimateFiles,
+        scene_path: Callable[[JobRecord], str],
+    ) -> None:
+        self._settings = settings
+        self._store = store
+        self._engine = engine
+        self._hub = hub
+        self._files = files
+        self._scene_path = scene_path
+        self._live: dict[str, LiveJob] = {}
+        self._wake = asyncio.Event()
+        self._turns = 0
+        self._is_stopping = False
+        self._task: asyncio.Task[None] | None = None
+        self._log = structlog.get_logger("service.runner")
+        self.renderer_state: Literal["warm", "starting", "down"] = "starting"
+
+    def live(self, job_id: str) -> LiveJob | None:
+        """A running job, or None."""
+        return self._live.get(job_id)
+
+    def live_jobs(self) -> list[LiveJob]:
+        """All running jobs."""
+        return list(self._live.values())
+
+    def wake(self) -> None:
+        """Something was queued."""
+        self._wake.set()
+
+    async def cancel(self, job_id: str) -> None:
+        """End a job and keep its picture. Returns once it has ended. Raises JobNotFound, IllegalStep."""
+        live = self._live.get(job_id)
+        if live is None:
+            await asyncio.to_thread(self._store.move, job_id, Step.CANCEL, stopped_by="cancelled")
+            await self._hub.tell_transitions()
+            return
+        live.wants_cancel = True
+        self._wake.set()
+        while self._live.get(job_id) is live and not self._is_stopping:
+            await live.changed.wait()
+
+    async def save_now(self, job_id: str) -> None:
+        """Have a running job's estimate saved with its next turn, and wait for that."""
+        live = self._live.get(job_id)
+        if live is None:
+            return
+        live.wants_save = True
+        while live.wants_save and self._live.get(job_id) is live and not self._is_stopping:
+            await live.changed.wait()
+
+    async def start(self) -> None:
+        """Take up what an earlier server left running, then run."""
+        for job in await asyncio.to_thread(self._store.running):
+            await asyncio.to_thread(self._store.move, job.id, Step.GIVE_BACK)
+            self._log.info("job continues after a restart", job=job.id, spp=round(job.progress.spp, 1))
+        await asyncio.to_thread(lambda: self._files.sweep(self._store.checkpoints()))
+        self._task = asyncio.create_task(self._run(), name="runner")
+
+    async def stop(self) -> None:
+        """Stop after the turn in flight and save what is live; the jobs stay marked as running."""
+        self._is_stopping = True
+        self._wake.set()
+        for live in self._live.values():
+            live.changed.set()
+        if self._task is not None:
+            with contextlib.suppress(TimeoutError, asyncio.CancelledError):
+                await asyncio.wait_for(self._task, _STOP_SECONDS)
+        self._engine.close()
+        self._files.remove_displays()
+
+    async def _run(self) -> None:
+        if self._settings.warm_up:
+            await self._warm_up()
+        else:
+            self.renderer_state = "warm"
+        while not self._is_stopping:
+            try:
+                await self._step()
+            except Exception:
+                # One job's bad luck (a full disk, a locked database) must not end the service.
+                self._log.exception("turn failed, going on")
+                await asyncio.sleep(1.0)
+        for live in self.live_jobs():
+            with contextlib.suppress(Lost):
+                result = await self._engine.submit(worker.retire, self._turn(live), deadline=_STOP_SECONDS)
+                _absorb(live, result)
+                await self._save(live)
+
+    async def _warm_up(self) -> None:
+        try:
+            await self._engine.submit(worker.warm_up, deadline=self._settings.turn_deadline_seconds)
+            self.renderer_state = "warm"
+        except Exception as error:
+            # The first job will say what is wrong, to whoever asked for it.
+            self.renderer_state = "down"
+            self._log.error("renderer did not warm up", cause=str(error))
+
+    async def _step(self) -> None:
+        """Let the next job have its turn, or wait until there is one."""
+        self._wake.clear()
+        for live in self.live_jobs():
+            if live.wants_cancel:
+                await self._cancel(live)
+        if len(self._live) < self._settings.max_running_jobs:
+            await self._claim()
+        candidates = (
+            Candidate(job_id, live.record.number, live.has_picture, live.last_turn)
+            for job_id, live in self._live.items()
+        )
+        job_id = next_job(candidates)
+        if job_id is None:
+            await self._wake.wait()
+        else:
+            await self._take_turn(self._live[job_id])
+
+    async def _claim(self) -> None:
+        record = await asyncio.to_thread(self._store.claim)
+        if record is None:
+            return
+        self._live[record.id] = LiveJob(
+            record=record,
+            progress=record.progress,
+            checkpoint=record.checkpoint,
+            curve=list(record.curve),
+            display_path=self._files.display_path(record),
+            seq=record.progress.frame_seq + (_SEQ_GAP if record.attempt > 1 else 0),
+            has_picture=record.checkpoint is not None,
+        )
+        self._log.info("job started", job=record.id, scene=record.scene_name, attempt=record.attempt)
+        await self._hub.tell_transitions()
+
+    async def _take_turn(self, live: LiveJob) -> None:
+        self._turns += 1
+        live.last_turn = self._turns
+        try:
+            result = await self._engine.submit(
+                worker.advance, self._turn(live), deadline=self._settings.turn_deadline_seconds
+            )
+        except Lost as lost:
+            await self._start_again(live, str(lost))
+            return
+        self.renderer_state = "warm"
+        if result.failure is not None:
+            await self._fail(live, result.failure)
+            return
+        _absorb(live, result)
+        live.has_picture = True
+        if result.stopped_by is not None:
+            await self._end(live, Step.FINISH, stopped_by=result.stopped_by)
+            return
+        if result.checkpoint is not None:
+            await self._save(live)
+        self._hub.tell_progress(ProgressMessage.of(live.record, live.progress))
+        _notify(live)
+
+    def _turn(self, live: LiveJob) -> Turn:
+        record = live.record
+        return Turn(
+            job_id=record.id,
+            attempt=record.attempt,
+            scene=self._scene_path(record),
+            is_gallery=record.scene_kind == "gallery",
+            target=record.target,
+            settings=record.settings,
+            checkpoint=str(self._files.path(live.checkpoint)) if live.checkpoint else None,
+            display_path=str(live.display_path),
+            estimates_dir=str(self._files.folder),
+            next_seq=live.seq + 1,
+            seconds=self._settings.turn_seconds,
+            checkpoint_seconds=self._settings.checkpoint_seconds,
+            save=live.wants_save,
+        )
+
+    async def _save(self, live: LiveJob) -> None:
+        """Name the newly saved estimate together with the progress it holds."""
+        await asyncio.to_thread(self._store.save, live.record, live.progress, live.curve, live.checkpoint)
+        await asyncio.to_thread(self._files.prune, live.record.id)
+
+    async def _cancel(self, live: LiveJob) -> None:
+        try:
+            _absorb(live, await self._engine.submit(worker.retire, self._turn(live), deadline=10.0))
+        except Lost:
+            self._log.warning("cancelled job keeps its last saved picture only", job=live.record.id)
+        await self._end(live, Step.CANCEL, stopped_by="cancelled")
+
+    async def _start_again(self, live: LiveJob, why: str) -> None:
+        """After a crash: the same job from its last saved estimate, unless it is to blame too often."""
+        live.record = await asyncio.to_thread(self._store.count_crash, live.record)
+        crashes, limit = live.record.crashes, self._settings.crash_limit
+        self._log.warning("job lost its render process", job=live.record.id, crashes=crashes, why=why)
+        if crashes < limit:
+            return
+        failure = Failure(
+            title="The render process died",
+            detail=f"Rendering was tried {crashes} times, and each time {why}. Other jobs are not affected.",
+            hint="The scene may be damaged or too large for the memory: try fewer pixels or a simpler scene.",
+        )
+        await self._fail(live, failure)
+
+    async def _fail(self, live: LiveJob, failure: Failure) -> None:
+        self._log.error("job failed", job=live.record.id, cause=failure.detail, trace=failure.trace)
+        cause = {name: text for name, text in asdict(failure).items() if name != "trace"}
+        await self._end(live, Step.FAIL, cause=cause)
+
+    async def _end(self, live: LiveJob, step: Step, **changes: Any) -> None:
+        """Record the end of a job with all that is known of it, and let go of it."""
+        record = live.record
+        changes |= {"progress": live.progress, "curve": live.curve, "checkpoint": live.checkpoint}
+        ended = await asyncio.to_thread(self._store.move, record.id, step, warnings=list(record.warnings), **changes)
+        del self._live[record.id]
+        self._log.info(
+            "job ended",
+            job=record.id,
+            state=ended.state.value,
+            stopped_by=ended.stopped_by,
+            error=ended.progress.error,
+            spp=round(ended.progress.spp, 1),
+            seconds=round(ended.progress.seconds, 2),
+        )
+        await self._hub.tell_transitions()
+        _notify(live)
+        await asyncio.to_thread(self._files.prune, record.id)
+        live.display_path.unlink(missing_ok=True)
+
+
+def _absorb(live: LiveJob, result: TurnResult) -> None:
+    """Note what a turn told."""
+    if result.progress is not None:
+        live.progress = result.progress
+        live.seq = result.progress.frame_seq
+    if result.checkpoint is not None:
+        live.checkpoint = result.checkpoint
+        live.wants_save = False
+    if result.warnings and result.warnings != live.record.warnings:
+        live.record = replace(live.record, warnings=result.warnings)
+    live.curve.extend(result.curve)
+    if len(live.curve) > _CURVE_LIMIT:
+        # The convergence chart is logarithmic: of the older points every other one is enough.
+        half = len(live.curve) // 2
+        live.curve = live.curve[:half:2] + live.curve[half:]
+
+
+def _notify(live: LiveJob) -> None:
+    """Wake those who wait for this job now; whoever waits later waits for the next change."""
+    live.changed.set()
+    live.changed.clear()

@@ -1,0 +1,66 @@
+"""Everything that can be set from outside: `FREDHOLM_DATA_DIR`, `FREDHOLM_MAX_PIXELS`, …"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+MEBIBYTE = 1024 * 1024
+
+
+def default_data_dir() -> Path:
+    """Where a user's data belongs on this system: jobs, scenes and images are kept there."""
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Application Support" / "fredholm"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", str(Path.home()))) / "fredholm"
+    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "fredholm"
+
+
+class ServiceSettings(BaseSettings):
+    """Settings of one service; each field is also an environment variable with the prefix FREDHOLM_."""
+
+    model_config = SettingsConfigDict(env_prefix="FREDHOLM_", extra="forbid", frozen=True)
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=8017, ge=0, le=65535)
+    data_dir: Path = Field(default_factory=default_data_dir, description="database, scenes and estimates")
+    database_url: str | None = Field(default=None, description="SQLAlchemy URL; default: SQLite in data_dir")
+    static_dir: Path = Field(default=Path(__file__).parent / "static", description="the built page")
+
+    max_body_bytes: int = Field(default=64 * MEBIBYTE, ge=1024)
+    max_bundle_files: int = Field(default=2000, ge=1)
+    max_bundle_bytes: int = Field(default=512 * MEBIBYTE, ge=1024, description="unpacked size of a zip bundle")
+    max_bundle_ratio: float = Field(default=200.0, ge=1.0, description="unpacked size / packed size of one file")
+    max_pixels: int = Field(default=3840 * 2160, ge=1, description="pixels of one job's image")
+    max_waiting_jobs: int = Field(default=200, ge=1, description="queued jobs; more are refused")
+    max_running_jobs: int = Field(default=16, ge=1, description="jobs that share the renderer; others wait")
+
+    turn_seconds: float = Field(default=0.4, gt=0, le=5, description="render time of one job before the next")
+    checkpoint_seconds: float = Field(default=5.0, gt=0, description="render time between two saved estimates")
+    turn_deadline_seconds: float = Field(default=120.0, gt=0, description="a turn without answer is killed")
+    upload_deadline_seconds: float = Field(default=30.0, gt=0, description="time to check an uploaded scene")
+    crash_limit: int = Field(default=3, ge=1, description="render processes a job may crash before it fails")
+    warm_up: bool = Field(default=True, description="compile a small scene at start: the first picture comes sooner")
+
+    log_json: bool = Field(default=False, description="one JSON object per line instead of text")
+    log_level: str = Field(default="info", pattern="^(debug|info|warning|error)$")
+
+    @property
+    def resolved_database_url(self) -> str:
+        """SQLAlchemy URL of the database."""
+        return self.database_url or f"sqlite:///{self.data_dir / 'fredholm.sqlite'}"
+
+    @property
+    def scenes_dir(self) -> Path:
+        """One folder per uploaded scene."""
+        return self.data_dir / "scenes"
+
+    @property
+    def estimates_dir(self) -> Path:
+        """One folder per job, with its saved estimates."""
+        return self.data_dir / "estimates"

@@ -1,0 +1,54 @@
+"""From a request for a job to a job that can be queued: the scene found, sizes resolved, limits kept."""
+
+from __future__ import annotations
+
+from renderer.errors import SceneError
+from renderer.scene import gallery
+from service.errors import ProblemError, refused
+from service.messages import JobRequest
+from service.settings import ServiceSettings
+from service.store import JobStore, NewJob, SceneStore
+
+
+def new_job(request: JobRequest, settings: ServiceSettings, scenes: SceneStore, jobs: JobStore) -> NewJob:
+    """What to queue. Raises ProblemError."""
+    waiting = len(jobs.queue())
+    if waiting >= settings.max_waiting_jobs:
+        raise ProblemError(
+            429,
+            "queue-full",
+            "The queue is full",
+            f"{waiting} jobs wait already, the limit of this service; try again later or cancel some.",
+        )
+    if request.scene.gallery is not None:
+        try:
+            built_in = gallery.find(request.scene.gallery)
+        except SceneError as error:
+            raise refused("scene.gallery", str(error)) from None
+        kind, reference, name = "gallery", built_in.name, built_in.title
+        film, warnings = (built_in.width, built_in.height), ()
+    else:
+        uploaded = scenes.get(request.scene.id or "")
+        if uploaded is None:
+            raise refused("scene.id", f"there is no uploaded scene {request.scene.id!r}; upload it first")
+        kind, reference, name = "upload", uploaded.id, uploaded.name
+        film, warnings = (uploaded.width, uploaded.height), uploaded.warnings
+    width, height = size_of(film, request.settings.width, request.settings.height)
+    if width * height > settings.max_pixels:
+        raise refused(
+            "settings.width" if request.settings.width is not None else "settings",
+            f"{width}×{height} are {width * height} pixels, and this service allows "
+            f"{settings.max_pixels}; ask for a smaller picture",
+        )
+    resolved = request.settings.model_dump() | {"width": width, "height": height}
+    return NewJob(name, kind, reference, name, request.target.model_dump(), resolved, warnings)
+
+
+def size_of(film: tuple[int, int], width: int | None, height: int | None) -> tuple[int, int]:
+    """Pixels of the image: as asked; one side given scales the other; neither: the scene's film."""
+    if width is None and height is None:
+        return film
+    if width is None:
+        assert height is not None
+        return max(1, round(film[0] * height / film[1])), height
+    return width, max(1, round(film[1] * width / film[0])) if height is None else height

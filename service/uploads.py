@@ -1,0 +1,133 @@
+"""Takes in a stranger's scene: unpack, have it loaded in a process of its own, keep it by its content.
+
+That process is apart from the one that renders: a scene that crashes it costs nobody a sample.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import tempfile
+from pathlib import Path
+from typing import BinaryIO
+
+import structlog
+
+from service.bundle import BundleError, Limits, unpack
+from service.engine import worker
+from service.engine.local import LocalEngine, Lost
+from service.engine.turn import SceneFacts
+from service.errors import ProblemError
+from service.messages import FieldError
+from service.settings import ServiceSettings
+from service.store import SceneRecord, SceneStore
+from service.store.records import now
+
+_IDLE_SECONDS = 60.0
+_LOADING_SECONDS = 30.0  # to start a process and import the renderer, on a busy machine
+
+
+class Uploads:
+    """The uploaded scenes and the process that checks them."""
+
+    def __init__(self, settings: ServiceSettings, store: SceneStore) -> None:
+        self._settings = settings
+        self._store = store
+        self._engine = LocalEngine("inspect")
+        self._idle: asyncio.TimerHandle | None = None
+        self._busy = 0
+        self._keeping = asyncio.Lock()
+        self._log = structlog.get_logger("service.uploads")
+
+    def prepare(self) -> None:
+        """Make the folder of scenes and remove what a killed server left half done."""
+        self._settings.scenes_dir.mkdir(parents=True, exist_ok=True)
+        for folder in self._settings.scenes_dir.glob(".upload-*"):
+            shutil.rmtree(folder, ignore_errors=True)
+
+    async def take(self, source: BinaryIO, file_name: str) -> tuple[SceneRecord, bool]:
+        """The stored scene, and whether it is new. Raises ProblemError."""
+        folder = Path(await asyncio.to_thread(tempfile.mkdtemp, prefix=".upload-", dir=self._settings.scenes_dir))
+        try:
+            limits = Limits(
+                self._settings.max_bundle_files,
+                self._settings.max_bundle_bytes,
+                self._settings.max_bundle_ratio,
+            )
+            try:
+                bundle = await asyncio.to_thread(unpack, source, file_name, folder, limits)
+            except BundleError as error:
+                raise scene_refused("The upload cannot be unpacked", f"{error}.") from None
+            scene_id = bundle.digest[:16]
+            if known := await asyncio.to_thread(self._store.get, scene_id):
+                return known, False
+            facts = await self._inspect(folder / bundle.scene, folder)
+            if facts.failure is not None:
+                # Messages of the renderer name the file; the folder it lies in is nobody's business.
+                detail = facts.failure.detail.replace(f"{folder}{os.sep}", "").replace(folder.name, bundle.name)
+                if facts.failure.trace:
+                    self._log.error("scene check failed", scene=bundle.name, trace=facts.failure.trace)
+                raise scene_refused(facts.failure.title, detail)
+            scene = SceneRecord(
+                id=scene_id,
+                name=bundle.name,
+                path=f"{scene_id}/{bundle.scene}",
+                width=facts.width,
+                height=facts.height,
+                digest=facts.digest,
+                warnings=facts.warnings,
+                created_at=now(),
+            )
+            async with self._keeping:
+                if known := await asyncio.to_thread(self._store.get, scene_id):
+                    return known, False
+                await asyncio.to_thread(_keep, folder, self._settings.scenes_dir / scene_id)
+                await asyncio.to_thread(self._store.add, scene)
+            self._log.info("scene uploaded", scene=scene_id, name=scene.name)
+            return scene, True
+        finally:
+            await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
+
+    async def _inspect(self, path: Path, folder: Path) -> SceneFacts:
+        if self._idle is not None:
+            self._idle.cancel()
+        self._busy += 1
+        seconds = self._settings.upload_deadline_seconds
+        try:
+            if self._engine.pid is None:
+                await self._engine.submit(worker.load_renderer, deadline=_LOADING_SECONDS)
+            return await self._engine.submit(worker.inspect, str(path), str(folder), deadline=seconds)
+        except Lost as lost:
+            raise scene_refused(
+                "The scene could not be loaded",
+                f"While it was loaded, {lost}: the scene may be damaged or too large for this machine.",
+            ) from None
+        finally:
+            self._busy -= 1
+            if self._busy == 0:
+                self._idle = asyncio.get_running_loop().call_later(_IDLE_SECONDS, self._close_if_idle)
+
+    def _close_if_idle(self) -> None:
+        if self._busy == 0:
+            self._engine.close()
+
+    def close(self) -> None:
+        """End the process."""
+        if self._idle is not None:
+            self._idle.cancel()
+        self._engine.close()
+
+
+def scene_refused(title: str, detail: str) -> ProblemError:
+    """422 for an uploaded scene."""
+    return ProblemError(422, "scene-refused", title, detail, [FieldError(field="file", message=detail)])
+
+
+def _keep(folder: Path, target: Path) -> None:
+    """Move an unpacked scene to its place.
+
+    What lies there from a crash before it was recorded is replaced.
+    """
+    shutil.rmtree(target, ignore_errors=True)
+    os.replace(folder, target)

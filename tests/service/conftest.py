@@ -1,0 +1,47 @@
+"""A real service for the tests: its own process, its own render process, a free port, a fresh data folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from service_process import Server
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A warm service that most tests share: leave no job running."""
+    environment = {
+        "FREDHOLM_MAX_BODY_BYTES": str(1 << 20),
+        "FREDHOLM_MAX_BUNDLE_FILES": "20",
+        "FREDHOLM_MAX_BUNDLE_BYTES": str(8 << 20),
+        "FREDHOLM_CHECKPOINT_SECONDS": "0.5",
+    }
+    running = Server(tmp_path_factory.mktemp("service") / "data", environment).start()
+    yield running
+    running.stop()
+
+
+@pytest.fixture
+def client(server: Server) -> Iterator[httpx.Client]:
+    """HTTP to the shared service."""
+    with server.client() as http:
+        yield http
+
+
+@pytest.fixture(scope="session")
+def finished(server: Server) -> dict[str, Any]:
+    """A finished small job of the shared service."""
+    return server.wait_ended(server.submit({"spp": 128})["id"])
+
+
+@pytest.fixture
+def own_server(tmp_path: Path) -> Iterator[Server]:
+    """A service of the test's own, not yet started: to be killed."""
+    mine = Server(tmp_path / "data", {"FREDHOLM_CHECKPOINT_SECONDS": "0.3", "FREDHOLM_WARM_UP": "0"})
+    yield mine
+    if mine.process is not None and mine.process.poll() is None:
+        mine.kill()

@@ -1,0 +1,155 @@
+"""Uploaded scenes over real HTTP."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import time
+import zipfile
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+import pytest
+from service_process import PLAIN_SCENE, Server
+
+OBJ = "v -1 -1 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n"
+WITH_MESH = PLAIN_SCENE.replace(
+    '<shape type="sphere">', '<shape type="obj"><string name="filename" value="meshes/a.obj"/>'
+)
+
+
+def zipped(**files: str) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return packed.getvalue()
+
+
+def upload(client: httpx.Client, name: str, content: str | bytes) -> httpx.Response:
+    return client.post("/api/scenes", files={"file": (name, content)}, timeout=60)
+
+
+def refusal(answer: httpx.Response) -> str:
+    assert answer.status_code == 422, answer.text
+    assert answer.headers["Content-Type"] == "application/problem+json"
+    assert "/tmp" not in answer.text
+    assert ".upload-" not in answer.text
+    return answer.json()["detail"]
+
+
+def test_an_xml_scene_is_taken_and_rendered(server: Server, client: httpx.Client) -> None:
+    answer = upload(client, "ball <1>.xml", PLAIN_SCENE)
+    assert answer.status_code == 201, answer.text
+    scene = answer.json()
+    assert (scene["name"], scene["width"], scene["height"]) == ("ball <1>", 32, 24)
+    assert answer.headers["Location"] == f"/api/scenes/{scene['id']}"
+    assert scene in client.get("/api/scenes").json()
+    assert client.get(f"/api/scenes/{scene['id']}").json() == scene
+    job = server.wait_ended(server.submit({"spp": 32}, {"seed": 3}, id=scene["id"])["id"])
+    assert (job["state"], job["settings"]["width"], job["name"]) == ("succeeded", 32, "ball <1>")
+    assert job["scene"] == {"gallery": None, "id": scene["id"], "name": "ball <1>"}
+
+
+def test_the_same_content_is_the_same_scene(client: httpx.Client) -> None:
+    content = PLAIN_SCENE.replace("0.4", "0.3")
+    first, second = upload(client, "a.xml", content), upload(client, "b.xml", content)
+    assert (first.status_code, second.status_code) == (201, 200)
+    assert first.json() == second.json()
+
+
+def test_a_zip_with_a_mesh_is_taken_and_rendered(server: Server, client: httpx.Client) -> None:
+    answer = upload(client, "mesh.zip", zipped(**{"room/scene.xml": WITH_MESH, "room/meshes/a.obj": OBJ}))
+    assert answer.status_code == 201, answer.text
+    job = server.wait_ended(server.submit({"spp": 16}, {}, id=answer.json()["id"])["id"])
+    assert job["state"] == "succeeded", job["cause"]
+
+
+def test_broken_xml_is_refused_with_its_line(client: httpx.Client) -> None:
+    detail = refusal(upload(client, "a.xml", "<scene>\n<sensor></scene>"))
+    assert "scene.xml:2" in detail
+
+
+def test_a_scene_that_mitsuba_refuses_is_refused_with_its_reason(client: httpx.Client) -> None:
+    detail = refusal(upload(client, "a.xml", PLAIN_SCENE.replace('type="sphere"', 'type="spheroid"')))
+    assert "spheroid" in detail
+
+
+def test_a_missing_mesh_is_refused(client: httpx.Client) -> None:
+    assert "a.obj" in refusal(upload(client, "a.zip", zipped(**{"scene.xml": WITH_MESH})))
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        '<shape type="obj"><string name="filename" value="/etc/passwd"/></shape>',
+        '<shape type="obj"><string name="filename" value="../../fredholm.sqlite"/></shape>',
+        '<include filename="/etc/passwd"/>',
+        '<path value="/etc"/>',
+        '<emitter type="envmap"><string name="filename" value="~/x.exr"/></emitter>',
+        '<default name="d" value=".."/><shape type="obj"><string name="filename" value="$d/$d/a.obj"/></shape>',
+    ],
+)
+def test_files_outside_the_upload_are_refused(client: httpx.Client, element: str) -> None:
+    detail = refusal(upload(client, "a.xml", PLAIN_SCENE.replace("</scene>", element + "</scene>")))
+    assert "outside the upload" in detail
+
+
+def test_a_parameter_in_an_include_is_refused(client: httpx.Client) -> None:
+    element = '<default name="d" value="/etc/passwd"/><include filename="$d"/></scene>'
+    assert "parameter" in refusal(upload(client, "a.xml", PLAIN_SCENE.replace("</scene>", element)))
+
+
+def test_document_types_are_refused(client: httpx.Client) -> None:
+    bomb = '<!DOCTYPE s [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>' + PLAIN_SCENE
+    assert "DOCTYPE" in refusal(upload(client, "a.xml", bomb))
+
+
+def test_a_hostile_zip_is_refused(client: httpx.Client) -> None:
+    assert "'..'" in refusal(upload(client, "a.zip", zipped(**{"../scene.xml": PLAIN_SCENE})))
+    assert "damaged" in refusal(upload(client, "a.zip", b"PK\x03\x04garbage"))
+    many = zipped(**{f"{i}.xml": "" for i in range(30)})
+    assert "more than 20 files" in refusal(upload(client, "a.zip", many))
+
+
+def test_a_scene_during_which_the_process_dies_is_refused_and_the_next_is_not(
+    server: Server, client: httpx.Client
+) -> None:
+    upload(client, "a.xml", PLAIN_SCENE.replace("0.4", "0.2"))
+    pid = server.render_pids(engine="inspect")[-1]
+    os.kill(pid, signal.SIGSTOP)
+    with ThreadPoolExecutor() as threads:
+        answer = threads.submit(upload, client, "a.xml", PLAIN_SCENE.replace("0.4", "0.21"))
+        time.sleep(0.5)
+        os.kill(pid, signal.SIGKILL)
+        detail = refusal(answer.result())
+    assert "the render process died" in detail
+    assert upload(client, "a.xml", PLAIN_SCENE.replace("0.4", "0.22")).status_code == 201
+
+
+def test_an_upload_over_the_limit_is_told_the_limit(client: httpx.Client) -> None:
+    answer = upload(client, "a.xml", b"x" * (2 << 20))
+    assert answer.status_code == 413
+    assert answer.headers["Content-Type"] == "application/problem+json"
+    assert "1 MiB" in answer.json()["detail"]
+
+
+def test_an_upload_over_the_limit_without_a_length_is_cut_off(client: httpx.Client) -> None:
+    def chunks() -> object:
+        yield b'--x\r\nContent-Disposition: form-data; name="file"; filename="a.xml"\r\n\r\n'
+        for _ in range(40):
+            yield b"y" * 65536
+
+    headers = {"Content-Type": "multipart/form-data; boundary=x"}
+    try:
+        answer = client.post("/api/scenes", content=chunks(), headers=headers)  # type: ignore[arg-type]
+    except httpx.WriteError:
+        return  # the server closed the connection before all was sent
+    assert answer.status_code == 413
+
+
+def test_an_upload_without_a_file_is_told(client: httpx.Client) -> None:
+    answer = client.post("/api/scenes", data={"other": "1"})
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["field"] == "file"

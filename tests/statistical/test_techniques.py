@@ -1,0 +1,45 @@
+"""All techniques estimate the same integral: they agree, block by block, within their error bars."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from conftest import z_limit
+
+import renderer
+from renderer.settings import TECHNIQUES
+
+# Techniques that find the scene's light often enough for a finite run to say something.
+CASES = {
+    "cornell-box": TECHNIQUES,
+    "furnace": TECHNIQUES,
+    "materials": ("mis", "bsdf", "emitter"),
+    "gap": ("mis", "emitter"),
+}
+WIDTH, HEIGHT, BLOCK, SPP = 16, 12, 4, 512
+
+
+def blocks(values: np.ndarray) -> np.ndarray:
+    """Sums over blocks of pixels: sums of many skewed values are closer to normal than the values."""
+    return values.reshape(HEIGHT // BLOCK, BLOCK, WIDTH // BLOCK, BLOCK).sum(axis=(1, 3)).ravel()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_techniques_agree(name: str, seed: int) -> None:
+    """Every block of 16 pixels and the whole image, each pair of techniques."""
+    sums = {}
+    for i, technique in enumerate(CASES[name]):
+        settings = renderer.Settings(WIDTH, HEIGHT, seed + i, technique=technique, max_depth=4)
+        moments = renderer.render(name, renderer.Target(spp=SPP), settings).moments
+        sums[technique] = blocks(moments.luminance()), blocks(moments.variance_of_mean()[:, 3])
+    pairs = list(combinations(CASES[name], 2))
+    for first, second in pairs:
+        (a, va), (b, vb) = sums[first], sums[second]
+        rounding = 1e-6 * np.abs(a)
+        z = (a - b) / np.sqrt(va + vb + rounding**2)
+        limit = z_limit(len(pairs) * (len(z) + 1))
+        assert np.abs(z).max() < limit, f"{name}: {first} and {second} differ, z up to {np.abs(z).max():.2f}"
+        whole = (a - b).sum() / np.sqrt((va + vb + rounding**2).sum())
+        assert abs(whole) < limit, f"{name}: image means by {first} and {second}: z = {whole:+.2f}"

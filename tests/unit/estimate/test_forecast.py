@@ -1,0 +1,59 @@
+"""Facts about the forecast: an ideal curve is forecast exactly, and nothing is said too early."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from renderer.estimate.forecast import MIN_POINTS, CurvePoint, forecast
+
+
+def ideal(n: int, constant: float = 0.5) -> list[CurvePoint]:
+    """error = constant / √t at n moments."""
+    return [CurvePoint(t, 16 * t, constant / math.sqrt(t)) for t in (1.3**i for i in range(n))]
+
+
+@pytest.mark.parametrize("n", range(MIN_POINTS))
+def test_nothing_is_forecast_from_too_few_points(n: int) -> None:
+    assert forecast(ideal(n), 0.02) is None
+
+
+@pytest.mark.parametrize("constant", [1e-3, 0.5, 40.0])
+@pytest.mark.parametrize("n", [MIN_POINTS, 9, 30])
+def test_a_curve_that_falls_with_the_root_of_time_is_forecast_exactly(n: int, constant: float) -> None:
+    curve = ideal(n, constant)
+    target = curve[-1].error / 3
+    found = forecast(curve, target)
+    assert found is not None
+    assert found.seconds_left == pytest.approx(8 * curve[-1].seconds, rel=1e-9)
+    assert found.low < found.seconds_left < found.high
+
+
+def test_a_target_that_is_met_is_no_time_away() -> None:
+    curve = ideal(10)
+    found = forecast(curve, 2 * curve[-1].error)
+    assert found is not None
+    assert (found.low, found.seconds_left, found.high) == (0, 0, 0)
+
+
+def test_a_restless_curve_has_the_wider_interval() -> None:
+    calm = ideal(12)
+    restless = [CurvePoint(p.seconds, p.spp, p.error * (1.2 if i % 2 else 0.8)) for i, p in enumerate(calm)]
+    target = calm[-1].error / 4
+    a, b = forecast(calm, target), forecast(restless, target)
+    assert a is not None
+    assert b is not None
+    assert b.high - b.low > 2 * (a.high - a.low)
+
+
+def test_the_beginning_of_the_curve_is_forgotten() -> None:
+    late = ideal(12)
+    odd_start = [CurvePoint(p.seconds, p.spp, 9 * p.error) for p in late[:6]] + late[6:]
+    assert forecast(odd_start, 0.01) == forecast(late, 0.01)
+
+
+def test_points_without_an_error_are_passed_over() -> None:
+    flat = [CurvePoint(float(t), float(t), 0.0) for t in range(1, 9)]
+    assert forecast(flat, 0.02) is None
+    assert forecast([*flat[:4], *ideal(4)], 0.02) is not None

@@ -1,0 +1,124 @@
+"""Facts about rewriting: the image gets the size asked for, and any integrator of the file is put aside."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from renderer.errors import SettingsError
+from renderer.scene.compile import load_scene
+from renderer.scene.rewrite import check_size
+from renderer.settings import Settings
+
+CROP = {"crop_offset_x": 2, "crop_offset_y": 3, "crop_width": 10, "crop_height": 5}
+
+
+def scene(film: dict[str, Any] | None = None, **nodes: Any) -> dict[str, Any]:
+    film = {"type": "hdrfilm", "width": 40, "height": 30} if film is None else film
+    return {"type": "scene", "sensor": {"type": "perspective", "film": film}, "sky": {"type": "constant"}, **nodes}
+
+
+def size_of(source: dict[str, Any], width: int | None = None, height: int | None = None) -> tuple[int, int]:
+    loaded = load_scene(source, settings=Settings(width=width, height=height))
+    film = loaded.sensor.film()
+    assert (loaded.width, loaded.height) == tuple(int(s) for s in film.crop_size())
+    return loaded.width, loaded.height
+
+
+@pytest.mark.parametrize(
+    ("asked", "given"),
+    [
+        ((None, None), (40, 30)),
+        ((40, 30), (40, 30)),
+        ((8, 6), (8, 6)),
+        ((8, 100), (8, 100)),
+        ((20, None), (20, 15)),
+        ((None, 15), (20, 15)),
+        ((7, None), (7, 5)),
+        ((1, None), (1, 1)),
+        ((None, 1), (1, 1)),
+    ],
+)
+def test_one_side_scales_the_other_and_two_are_taken_as_they_are(
+    asked: tuple[int | None, int | None], given: tuple[int, int]
+) -> None:
+    assert size_of(scene(), *asked) == given
+
+
+def test_a_narrow_film_never_loses_its_last_pixel() -> None:
+    assert size_of(scene({"type": "hdrfilm", "width": 1000, "height": 1}), width=10) == (10, 1)
+
+
+def test_a_film_without_a_size_has_mitsubas_own() -> None:
+    assert size_of(scene({"type": "hdrfilm"})) == (768, 576)
+    assert size_of(scene({"type": "hdrfilm"}), height=48) == (64, 48)
+
+
+def test_a_crop_window_is_kept_where_no_size_is_asked_for() -> None:
+    loaded = load_scene(scene({"type": "hdrfilm", "width": 40, "height": 30, **CROP}))
+    film = loaded.sensor.film()
+    assert (loaded.width, loaded.height) == (10, 5)
+    assert tuple(film.crop_offset()) == (2, 3)
+    assert tuple(film.size()) == (40, 30)
+
+
+@pytest.mark.parametrize("asked", [(80, 60), (10, 5), (20, None)])
+def test_a_new_size_drops_the_crop_window(asked: tuple[int, int | None]) -> None:
+    film = {"type": "hdrfilm", "width": 40, "height": 30, **CROP}
+    loaded = load_scene(scene(film), settings=Settings(width=asked[0], height=asked[1]))
+    assert (loaded.width, loaded.height) == (asked[0], asked[1] or 15)
+    assert tuple(loaded.sensor.film().crop_offset()) == (0, 0)
+
+
+def test_an_image_of_the_size_asked_for_is_given_even_if_the_film_has_it_and_a_crop_window() -> None:
+    assert size_of(scene({"type": "hdrfilm", "width": 40, "height": 30, **CROP}), 40, 30) == (40, 30)
+
+
+@pytest.mark.parametrize("film", [{"width": 16385, "height": 8}, {"width": 8, "height": 20000}])
+def test_a_film_beyond_the_limit_is_refused_with_size_and_limit(film: dict[str, int]) -> None:
+    with pytest.raises(SettingsError, match=rf"{film['width']}×{film['height']}.*1 to 16384"):
+        load_scene(scene({"type": "hdrfilm", **film}))
+
+
+def test_a_side_that_is_scaled_beyond_the_limit_is_refused() -> None:
+    with pytest.raises(SettingsError, match=r"20000×16384"):
+        load_scene(scene({"type": "hdrfilm", "width": 10000, "height": 8192}), settings=Settings(height=16384))
+
+
+@pytest.mark.parametrize("size", [(0, 5), (5, 0), (-1, 5), (16385, 5)])
+def test_sizes_outside_the_limits_are_refused(size: tuple[int, int]) -> None:
+    with pytest.raises(SettingsError, match="each side must be from 1 to 16384"):
+        check_size(*size)
+
+
+def test_the_limits_themselves_are_allowed() -> None:
+    check_size(1, 1)
+    check_size(16384, 16384)
+
+
+@pytest.mark.parametrize("inner", ["", '<integrator type="path"/><integer name="light_depth" value="4"/>'])
+@pytest.mark.parametrize("plugin", ["prb", "moment", "of-a-friend"])
+def test_any_integrator_of_a_file_is_put_aside_even_an_unknown_one(tmp_path: Path, plugin: str, inner: str) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_text(
+        f'<scene version="3.0.0"><integrator type="{plugin}">{inner}</integrator><sensor type="perspective"/></scene>'
+    )
+    assert load_scene(path).width == 768
+
+
+def test_a_loaded_scene_is_the_same_one_at_its_own_size_and_another_at_another() -> None:
+    loaded = load_scene(scene())
+    assert loaded.sized(Settings()) is loaded
+    assert loaded.sized(Settings(width=40, height=30)) is loaded
+    assert (loaded.sized(Settings(width=20)).width, loaded.sized(Settings(width=20)).height) == (20, 15)
+    assert loaded.sized(Settings(width=20)).digest == loaded.digest
+
+
+def test_the_scene_decides_what_the_settings_leave_open() -> None:
+    loaded = load_scene(scene(integrator={"type": "path", "max_depth": 6}))
+    resolved = loaded.resolved(Settings(seed=5), 16)
+    assert (resolved.width, resolved.height, resolved.max_depth, resolved.replicate_size) == (40, 30, 6, 16)
+    assert loaded.resolved(Settings(max_depth=2), 16).max_depth == 2
+    assert loaded.resolved(Settings(max_depth=-1), 16).max_depth == -1

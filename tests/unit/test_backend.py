@@ -1,0 +1,60 @@
+"""Facts about the backend: whatever is imported first, kernels run on a libLLVM that can compile them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from renderer.backend import OLDEST_LLVM, find_llvm, versions
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Python code in a process of its own, with none of this one's choice of backend."""
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("DRJIT_", "FREDHOLM_"))}
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=inherited | environment, capture_output=True, text=True, check=False
+    )
+
+
+def test_importing_the_package_imports_neither_mitsuba_nor_drjit() -> None:
+    done = run("import sys, renderer; sys.exit(any(m in sys.modules for m in ('mitsuba', 'drjit')))")
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("first", ["path", "sequence"])
+def test_importing_a_part_of_the_equation_first_does_not_choose_an_old_libllvm(first: str) -> None:
+    # Dr.Jit looks for libLLVM when it is imported, and old ones abort the process while compiling.
+    code = (
+        f"import renderer.equation.{first}; from renderer.backend import mitsuba; mi = mitsuba(); import drjit as dr;"
+        "print(mi.Float(1, 2) + 1); print(dr.detail.llvm_version()[0] if 'llvm' in mi.variant() else 99)"
+    )
+    done = run(code)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout.split()[-1]) >= OLDEST_LLVM
+
+
+def test_an_unknown_variant_is_refused_with_the_known_ones() -> None:
+    code = (
+        "from renderer.backend import mitsuba; from renderer.errors import BackendError\n"
+        "try: mitsuba()\nexcept BackendError as e: print(e)"
+    )
+    done = run(code, FREDHOLM_VARIANT="scalar_rgb")
+    assert "FREDHOLM_VARIANT is scalar_rgb; choose one of" in done.stdout
+    assert "llvm_ad_rgb" in done.stdout
+
+
+def test_the_libllvm_that_is_found_is_a_file() -> None:
+    found = find_llvm()
+    assert found is None or Path(found).is_file()
+
+
+def test_versions_name_what_an_image_depends_on() -> None:
+    found = versions()
+    assert set(found) == {"fredholm", "mitsuba", "drjit", "numpy"}
+    assert found["mitsuba"].count(".") == 2

@@ -1,0 +1,316 @@
+"""Facts about the command `fredholm`: what it understands, what it says, and what it leaves behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from renderer import cli
+from renderer.errors import SettingsError
+from renderer.estimate.estimate import Estimate
+from renderer.estimate.moments import Moments
+
+ROOT = Path(__file__).resolve().parents[2]
+TINY = ("cornell-box", "--size", "16x16", "--replicate-size", "1")
+
+
+@pytest.fixture(autouse=True)
+def signal_handlers() -> Iterator[None]:
+    """The command takes over two signals; the tests want theirs back."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def fredholm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type[Command]:
+    """Runs the command in this process, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+    Command.monkeypatch = monkeypatch
+    return Command
+
+
+class Command:
+    """One run of `main()`. code: its exit code, 0 where it just returned."""
+
+    monkeypatch: pytest.MonkeyPatch
+
+    def __init__(self, *arguments: str | Path) -> None:
+        self.monkeypatch.setattr(sys, "argv", ["fredholm", *map(str, arguments)])
+        self.code = 0
+        try:
+            cli.main()
+        except SystemExit as left:
+            self.code = left.code if isinstance(left.code, int) else int(left.code is not None)
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> tuple[str, str]:
+    """Standard output and standard error, each on one line."""
+    out, err = capsys.readouterr()
+    return " ".join(out.split()), " ".join(err.split())
+
+
+def assert_same_bits(a: Estimate, b: Estimate) -> None:
+    for field in fields(Moments):
+        assert getattr(a.moments, field.name).tobytes() == getattr(b.moments, field.name).tobytes(), field.name
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("2%", 0.02), ("0.02", 0.02), (" 2.5 % ", 0.025), ("1e-3", 1e-3), ("100%", 1.0), (".5%", 0.005), ("1e1", 10.0)],
+)
+def test_an_error_is_a_percentage_or_a_fraction(text: str, value: float) -> None:
+    assert cli.parse_error(text) == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["", "two", "2 percent", "%", "2%%", "0,02", "1e", "nan", "inf", "0x1", "2% 3%"])
+def test_an_error_that_is_no_number_is_refused_with_an_example(text: str) -> None:
+    with pytest.raises(SettingsError, match=r"--error is .*write it as 2% or 0\.02"):
+        cli.parse_error(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("90", 90),
+        ("90s", 90),
+        (" 90 s ", 90),
+        ("1.5m", 90),
+        ("1m30s", 90),
+        ("1m 30s", 90),
+        ("1m30", 90),
+        ("2min", 120),
+        ("2h", 7200),
+        ("1h30m5s", 5405),
+        ("0.25", 0.25),
+    ],
+)
+def test_a_time_is_said_in_seconds_minutes_and_hours(text: str, seconds: float) -> None:
+    assert cli.parse_time(text) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "soon", "-5", "5x", "1:30", "1..5s", "1e3", "s", "5 days", "nan", "1,5m", "5 5", "1 000"]
+)
+def test_a_time_that_is_none_is_refused_with_an_example(text: str) -> None:
+    with pytest.raises(SettingsError, match=r"--time is .*write it as 30s, 1m30s or 2h"):
+        cli.parse_time(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "size"), [("640x480", (640, 480)), (" 1 x 1 ", (1, 1)), ("640×480", (640, 480)), ("640X480", (640, 480))]
+)
+def test_a_size_is_width_and_height(text: str, size: tuple[int, int]) -> None:
+    assert cli.parse_size(text) == size
+
+
+@pytest.mark.parametrize("text", ["", "640", "640x", "x480", "640*480", "-640x480", "6.4x4.8", "640x480x3", "axb"])
+def test_a_size_that_is_none_is_refused_with_an_example(text: str) -> None:
+    with pytest.raises(SettingsError, match=r"--size is .*for example 640x480"):
+        cli.parse_size(text)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.25, "0.2 s"), (59.9, "59.9 s"), (90, "1 min 30 s"), (3600, "1 h 0 min"), (8100, "2 h 15 min")],
+)
+def test_durations_are_said_as_people_say_them(seconds: float, words: str) -> None:
+    assert cli.say_seconds(seconds) == words
+
+
+def test_help_names_the_commands(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:
+    assert fredholm("--help").code == 0
+    out, _ = said(capsys)
+    for name in ("render", "merge", "gallery", "serve"):
+        assert f" {name} " in out
+
+
+@pytest.mark.parametrize(
+    ("command", "example"),
+    [
+        ("render", "fredholm render scene.xml -o out.exr --error 2% --time 10m"),
+        ("merge", "fredholm merge a.exr b.exr -o c.exr"),
+        ("serve", "fredholm serve --port 8017"),
+    ],
+)
+def test_help_of_a_command_shows_examples(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str], command: str, example: str
+) -> None:
+    assert fredholm(command, "--help").code == 0
+    assert example in said(capsys)[0]
+
+
+def test_the_gallery_lists_names_that_render_takes(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:
+    assert fredholm("gallery").code == 0
+    out, _ = said(capsys)
+    for found in cli.scene_gallery.list_scenes():
+        assert f"{found.name} {found.title}" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("teapot",), 'no built-in scene is called "teapot"; the gallery has cornell-box'),
+        (("none.xml",), "none.xml: no such file"),
+        ((*TINY, "--spp", "0"), "spp is 0; it must be a whole number from 1"),
+        ((*TINY, "--error", "much"), "--error is 'much'"),
+        ((*TINY, "--error", "2000%"), "error is 20.0; it must be from 1e-06 to 10"),
+        ((*TINY, "--time", "soon"), "--time is 'soon'"),
+        (("cornell-box", "--size", "big"), "--size is 'big'"),
+        (("cornell-box", "--size", "0x16"), "width is 0; it must be a whole number from 1 to 16384"),
+        ((*TINY, "--technique", "magic"), "technique is 'magic'; choose one of mis, bsdf"),
+        ((*TINY, "--seed", "-1"), "seed is -1"),
+        ((*TINY, "-o", "out.png"), "out.png; the name must end in .exr"),
+        ((*TINY, "--resume", "none.exr"), "none.exr: no such file"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_two(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], named: str
+) -> None:
+    assert fredholm("render", *arguments).code == 2
+    out, err = said(capsys)
+    assert named in err
+    assert err.startswith("error: ")
+    assert "Traceback" not in err
+    assert out == ""
+    assert not list(Path.cwd().iterdir())
+
+
+@pytest.mark.parametrize("name", ["[2K] tiles.xml", "[/old].xml", "[bold].xml"])
+def test_brackets_in_a_file_name_are_shown_and_not_taken_for_markup(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    assert fredholm("render", name).code == 2
+    assert f"error: {name}: no such file" in said(capsys)[1]
+
+
+def test_a_long_file_name_is_not_broken_into_lines(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:
+    name = "/".join(["a-folder-of-scenes"] * 8) + "/scene.xml"
+    assert fredholm("render", name).code == 2
+    assert name in capsys.readouterr().err
+
+
+def test_an_unknown_option_is_exit_code_two(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:
+    assert fredholm("render", "cornell-box", "--sp", "4").code == 2
+    assert "No such option" in said(capsys)[1]
+
+
+def test_a_render_writes_its_image_and_one_last_line_of_json(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert fredholm("render", "cornell-box", "--size", "16x16", "--spp", "4", "--seed", "7", "--json").code == 0
+    out, err = capsys.readouterr()
+    report = json.loads(out.splitlines()[-1])
+    assert set(report) >= {"seconds", "spp", "error", "samples", "stopped_by", "scene", "seed"}
+    assert (report["spp"], report["samples"], report["stopped_by"]) == (4, 4 * 256, "spp")
+    assert (report["scene"], report["seed"], report["width"], report["height"]) == ("cornell-box", 7, 16, 16)
+    assert 0 < report["error"] < 2
+    assert report["seconds"] > 0
+    written = Estimate.read("out.exr")
+    assert (written.samples, written.identity.seed, written.identity.scene) == (1024, 7, report["scene_digest"])
+    assert written.mean.max() > 0
+    assert "out.exr: error" in err
+    assert "samples done" in err
+
+
+def test_without_json_standard_output_stays_empty(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:
+    assert fredholm("render", *TINY, "--spp", "1").code == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_resuming_gives_the_bits_of_a_straight_render(fredholm: type[Command]) -> None:
+    assert fredholm("render", *TINY, "--spp", "12", "-o", "straight.exr").code == 0
+    assert fredholm("render", *TINY, "--spp", "5", "-o", "part.exr").code == 0
+    assert fredholm("render", *TINY, "--spp", "12", "-o", "whole.exr", "--resume", "part.exr").code == 0
+    assert_same_bits(Estimate.read("whole.exr"), Estimate.read("straight.exr"))
+    assert Estimate.read("part.exr").spp == 5
+
+
+def test_a_checkpoint_goes_on_in_its_own_file_with_its_own_replicate_size(fredholm: type[Command]) -> None:
+    assert fredholm("render", "cornell-box", "--size", "16x16", "--spp", "8").code == 0
+    assert fredholm("render", "cornell-box", "--size", "16x16", "--spp", "16", "--resume", "out.exr").code == 0
+    again = Estimate.read("out.exr")
+    assert (again.spp, again.replicate_size) == (16, 2)
+
+
+def test_resuming_another_question_is_refused_and_keeps_the_file(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert fredholm("render", *TINY, "--spp", "1").code == 0
+    before = Path("out.exr").read_bytes()
+    assert fredholm("render", *TINY, "--spp", "2", "--seed", "1", "--resume", "out.exr").code == 2
+    assert "the checkpoint has seed 0, asked is 1" in said(capsys)[1]
+    assert fredholm("render", "furnace", "--size", "16x16", "--spp", "2", "--resume", "out.exr").code == 2
+    assert "the checkpoint is of another scene" in said(capsys)[1]
+    assert Path("out.exr").read_bytes() == before
+
+
+def test_two_seeds_merge_and_equal_seeds_are_refused(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seed in ("1", "2"):
+        assert fredholm("render", *TINY, "--spp", "4", "--seed", seed, "-o", f"{seed}.exr").code == 0
+    assert fredholm("merge", "1.exr", "2.exr", "-o", "both.exr").code == 0
+    a, b, both = (Estimate.read(f"{name}.exr") for name in ("1", "2", "both"))
+    assert both.spp == 8
+    assert both.ranges == ((1, 4), (2, 4))
+    assert both.mean == pytest.approx((a.mean + b.mean) / 2, rel=1e-12)
+    capsys.readouterr()
+    for pair in (("1.exr", "1.exr"), ("both.exr", "2.exr")):
+        assert fredholm("merge", *pair, "-o", "again.exr").code == 2
+        assert "replicates overlap: both hold seed" in said(capsys)[1]
+    assert not Path("again.exr").exists()
+
+
+def test_one_file_is_no_merge(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:
+    assert fredholm("merge", "a.exr", "-o", "b.exr").code == 2
+    assert "at least two files" in said(capsys)[1]
+
+
+ANNOUNCED = """
+import renderer.cli as cli
+rendered = cli.progressive
+def announced(*arguments, **more):
+    for snapshot in rendered(*arguments, **more):
+        print("snapshot", flush=True)
+        yield snapshot
+cli.progressive = announced
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_an_interrupted_render_saves_its_image_and_exits_with_130(tmp_path: Path, number: signal.Signals) -> None:
+    out = tmp_path / "out.exr"
+    arguments = ["render", *TINY, "--time", "120s", "--json", "-o", str(out)]
+    process = subprocess.Popen(
+        [sys.executable, "-c", ANNOUNCED, *arguments],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "snapshot\n"
+        os.kill(process.pid, number)
+        stdout, stderr = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 130, stderr
+    report = json.loads(stdout.splitlines()[-1])
+    assert report["stopped_by"] == "interrupted"
+    assert Estimate.read(out).samples == report["samples"] > 0
+    assert "interrupted" in stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["out.exr"]

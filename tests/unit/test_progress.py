@@ -1,0 +1,193 @@
+"""Facts about the main path: it ends, by the target that was reached first, and resuming changes no bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from renderer.errors import CheckpointError
+from renderer.estimate.estimate import Estimate, merge
+from renderer.estimate.moments import Moments
+from renderer.progress import Snapshot, progressive, render
+from renderer.scene.compile import Scene, load_scene
+from renderer.settings import Settings, Target
+
+WIDTH, HEIGHT, SIZE = 24, 16, 4
+N = WIDTH * HEIGHT
+SETTINGS = Settings(replicate_size=SIZE, seed=3)
+
+
+class NoisyKernel:
+    """Stands in for the kernel: radiance that depends on (seed, pixel, replicate) alone, by NumPy."""
+
+    def __init__(self, invalid_where: tuple[int, int] | None = None, launches_allowed: int = 200) -> None:
+        self.invalid_where = invalid_where
+        self.launches_allowed = launches_allowed
+        self.lanes: list[tuple[int, int]] = []
+
+    def launch(self, pixels: NDArray, replicates: NDArray, seed: int) -> tuple[NDArray, NDArray]:
+        self.launches_allowed -= 1
+        assert self.launches_allowed >= 0, "the render does not end"
+        self.lanes += zip(pixels.tolist(), replicates.tolist(), strict=True)
+        generators = (np.random.default_rng([seed, int(p), int(r)]) for p, r in zip(pixels, replicates, strict=True))
+        radiance = np.array([g.gamma(2.0, 1.0, 3) for g in generators], np.float32)
+        invalid = np.zeros(len(pixels), np.uint32)
+        if self.invalid_where is not None:
+            pixel, replicate = self.invalid_where
+            hit = (pixels == pixel) & ((replicates == replicate) if replicate >= 0 else True)
+            radiance[hit], invalid[hit] = 0, SIZE
+        return radiance.T, invalid
+
+
+@pytest.fixture
+def kernel(monkeypatch: pytest.MonkeyPatch) -> NoisyKernel:
+    made = NoisyKernel()
+    monkeypatch.setattr(Scene, "kernel", lambda self, settings: made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """Any scene of the right size: the kernel that would render it is replaced."""
+    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT}
+    return load_scene(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 4},
+            "sensor": {"type": "perspective", "film": film},
+            "sky": {"type": "constant"},
+        }
+    )
+
+
+def snapshots(scene: Scene, target: Target, **more: Any) -> list[Snapshot]:
+    return list(progressive(scene, target, SETTINGS, **more))
+
+
+def assert_same_bits(a: Estimate, b: Estimate) -> None:
+    for field in fields(Moments):
+        assert getattr(a.moments, field.name).tobytes() == getattr(b.moments, field.name).tobytes(), field.name
+
+
+def test_samples_stop_at_the_number_asked_for(scene: Scene, kernel: NoisyKernel) -> None:
+    last = snapshots(scene, Target(spp=40))[-1]
+    assert (last.stopped_by, last.spp, last.samples) == ("spp", 40, 40 * N)
+    assert (last.estimate.count == 10).all()
+    assert len(set(kernel.lanes)) == len(kernel.lanes) == 10 * N
+    assert last.estimate.ranges == ((3, 10),)
+
+
+def test_an_error_target_stops_at_the_first_checkpoint_below_it(scene: Scene, kernel: NoisyKernel) -> None:
+    last = snapshots(scene, Target(error=0.2))[-1]
+    assert last.stopped_by == "error"
+    assert last.error is not None
+    assert 0.15 < last.error <= 0.2
+
+
+def test_the_first_limit_reached_wins(scene: Scene, kernel: NoisyKernel) -> None:
+    assert snapshots(scene, Target(error=1e-6, spp=8))[-1].stopped_by == "spp"
+    assert snapshots(scene, Target(error=0.5, spp=4000))[-1].stopped_by == "error"
+    assert snapshots(scene, Target(seconds=0.001, spp=4000))[-1].stopped_by == "seconds"
+
+
+def test_sequence_numbers_count_up_and_only_the_last_snapshot_says_why_it_stopped(
+    scene: Scene, kernel: NoisyKernel
+) -> None:
+    seen = snapshots(scene, Target(spp=64))
+    assert [s.sequence for s in seen] == list(range(1, len(seen) + 1))
+    assert [s.stopped_by for s in seen] == [None] * (len(seen) - 1) + ["spp"]
+    assert [s.samples for s in seen] == sorted(s.samples for s in seen)
+
+
+def test_a_snapshot_is_not_changed_by_what_comes_after_it(scene: Scene, kernel: NoisyKernel) -> None:
+    running = progressive(scene, Target(spp=64), SETTINGS)
+    first = next(running)
+    held = first.estimate.moments.copy()
+    for _ in running:
+        pass
+    assert held.count.tobytes() == first.estimate.moments.count.tobytes()
+    assert held.mean.tobytes() == first.estimate.moments.mean.tobytes()
+
+
+def test_an_interrupted_render_that_is_resumed_equals_one_that_was_not(scene: Scene, kernel: NoisyKernel) -> None:
+    def interruptions() -> Iterator[bool]:
+        yield from (False, False, True)
+
+    straight = render(scene, Target(spp=64), SETTINGS)
+    asked = interruptions()
+    part = snapshots(scene, Target(spp=64), should_stop=lambda: next(asked))[-1]
+    assert part.stopped_by == "interrupted"
+    assert part.samples < straight.samples
+    held = part.estimate.moments.copy()
+    resumed = render(scene, Target(spp=64), SETTINGS, start=part.estimate)
+    assert_same_bits(resumed, straight)
+    assert resumed.seconds > part.seconds
+    assert held.mean.tobytes() == part.estimate.moments.mean.tobytes()
+
+
+def test_a_target_that_the_start_has_reached_renders_nothing(scene: Scene, kernel: NoisyKernel) -> None:
+    start = render(scene, Target(spp=16), SETTINGS)
+    before = len(kernel.lanes)
+    assert_same_bits(render(scene, Target(spp=16), SETTINGS, start=start), start)
+    assert len(kernel.lanes) == before
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        (Settings(replicate_size=SIZE, seed=4), "seed 3, asked is 4"),
+        (Settings(replicate_size=8, seed=3), "replicate_size = 4, asked is 8"),
+        (Settings(replicate_size=SIZE, seed=3, max_depth=2), "max_depth = 4, asked is 2"),
+        (Settings(replicate_size=SIZE, seed=3, technique="bsdf"), "technique = mis, asked is bsdf"),
+    ],
+)
+def test_a_checkpoint_of_another_question_is_refused_by_name(
+    scene: Scene, kernel: NoisyKernel, settings: Settings, named: str
+) -> None:
+    start = render(scene, Target(spp=4), SETTINGS)
+    with pytest.raises(CheckpointError, match=named):
+        render(scene, Target(spp=8), settings, start=start)
+
+
+def test_a_merge_of_seeds_is_not_resumed(scene: Scene, kernel: NoisyKernel) -> None:
+    parts = [render(scene, Target(spp=4), Settings(replicate_size=SIZE, seed=s)) for s in (3, 5)]
+    with pytest.raises(CheckpointError, match="merge of several seeds"):
+        render(scene, Target(spp=8), SETTINGS, start=merge(*parts))
+
+
+def test_a_forecast_is_for_an_error_target_only_and_gone_at_the_end(scene: Scene, kernel: NoisyKernel) -> None:
+    assert all(s.forecast is None for s in snapshots(scene, Target(spp=80)))
+    assert snapshots(scene, Target(error=0.1))[-1].forecast is None
+
+
+def test_the_curve_goes_forward_in_time_and_samples(scene: Scene, kernel: NoisyKernel) -> None:
+    curve = snapshots(scene, Target(spp=160))[-1].curve
+    assert len(curve) >= 3
+    assert [p.seconds for p in curve] == sorted(p.seconds for p in curve)
+    assert [p.spp for p in curve] == sorted(p.spp for p in curve)
+
+
+def test_a_pixel_whose_samples_are_never_finite_does_not_keep_the_render_from_ending(
+    scene: Scene, kernel: NoisyKernel
+) -> None:
+    # Such a pixel's count stays 0: a plan that waits for it gives it the same replicate for ever.
+    kernel.invalid_where = (5, -1)
+    last = snapshots(scene, Target(spp=40))[-1]
+    assert last.stopped_by == "spp"
+    assert 0 < last.invalid <= 40
+    assert (np.delete(last.estimate.moments.count, 5) == 10).all()
+
+
+@pytest.mark.parametrize("lost", [0, 1, 2])
+def test_no_replicate_is_added_twice_after_one_was_lost(scene: Scene, kernel: NoisyKernel, lost: int) -> None:
+    # The replicate after a lost one must not be taken for the lost one: it would count twice, the error bar too small.
+    kernel.invalid_where = (5, lost)
+    last = snapshots(scene, Target(spp=40))[-1]
+    kept = [r for p, r in kernel.lanes if p == 5 and r != lost]
+    assert len(set(kept)) == len(kept) == last.estimate.moments.count[5]
+    assert last.invalid == SIZE

@@ -1,0 +1,122 @@
+"""Facts about settings and targets: bad ones are refused when built, by name, value and range."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import pytest
+
+from renderer.errors import FredholmError, SettingsError
+from renderer.settings import TECHNIQUES, Settings, Target, replicate_size_for
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "value_range"),
+    [
+        *((side, bad, "1 to 16384") for side in ("width", "height") for bad in (0, -1, 16385, 10**30, 1.0, "8", True)),
+        *(("seed", bad, f"0 to {2**63 - 1}") for bad in (-1, 2**63, 0.5, None, "7", False)),
+        *(("max_depth", bad, "-1 to 1000000") for bad in (-2, 1_000_001, 3.0, True)),
+        *(("technique", bad, "mis, bsdf, emitter, cosine, uniform") for bad in ("path", "MIS", "", None, 3, ["mis"])),
+        *(("replicate_size", bad, "1 to 64") for bad in (0, -4, 65, 128, 4.0, True)),
+        *(("replicate_size", bad, "power of two up to 64") for bad in (3, 48, 63)),
+    ],
+)
+def test_a_bad_setting_is_refused_by_name_value_and_range(field: str, value: Any, value_range: str) -> None:
+    with pytest.raises(SettingsError) as refusal:
+        Settings(**{field: value})
+    message = str(refusal.value)
+    assert message.startswith(f"{field} is {value!r};")
+    assert value_range in message
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "value_range"),
+    [
+        *(("error", bad, "1e-06 to 10") for bad in (0, 0.0, -0.1, 1e-7, 10.5, math.nan, math.inf, "2%", True)),
+        *(("seconds", bad, "0.001 to 1e+08") for bad in (0, -1.0, 1e9, math.nan, -math.inf, "30s", False)),
+        *(("spp", bad, f"1 to {2**31}") for bad in (0, -1, 2**31 + 1, 16.0, math.nan, "16", True)),
+    ],
+)
+def test_a_bad_target_is_refused_by_name_value_and_range(field: str, value: Any, value_range: str) -> None:
+    with pytest.raises(SettingsError) as refusal:
+        Target(**{field: value})
+    message = str(refusal.value)
+    assert message.startswith(f"{field} is {value!r};")
+    assert value_range in message
+
+
+@pytest.mark.parametrize("field", ["error", "seconds"])
+def test_a_whole_number_too_large_for_a_float_is_refused_like_any_other(field: str) -> None:
+    with pytest.raises(SettingsError, match=field):
+        Target(**{field: 10**400})
+
+
+def test_an_empty_target_is_refused_with_what_to_give() -> None:
+    with pytest.raises(SettingsError, match="error, seconds or spp"):
+        Target()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {"width": 1, "height": 16384},
+        {"seed": 2**63 - 1},
+        {"max_depth": -1},
+        *({"technique": technique} for technique in TECHNIQUES),
+        *({"replicate_size": 2**k} for k in range(7)),
+    ],
+)
+def test_good_settings_are_kept_as_given(values: dict[str, Any]) -> None:
+    settings = Settings(**values)
+    assert {k: v for k, v in settings.as_dict().items() if k in values} == values
+    assert Settings(**settings.as_dict()) == settings
+
+
+@pytest.mark.parametrize("values", [{"error": 1e-6}, {"error": 10}, {"seconds": 1e-3}, {"spp": 2**31, "error": 0.5}])
+def test_good_targets_are_kept_as_given(values: dict[str, Any]) -> None:
+    target = Target(**values)
+    assert target.as_dict() == {"error": None, "seconds": None, "spp": None} | values
+
+
+def test_settings_and_targets_do_not_change() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Settings().seed = 1  # type: ignore[misc]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Target(spp=1).spp = 2  # type: ignore[misc]
+
+
+def test_a_refusal_can_be_caught_as_a_value_error_and_as_ours() -> None:
+    assert issubclass(SettingsError, ValueError)
+    assert issubclass(SettingsError, FredholmError)
+
+
+@pytest.mark.parametrize(
+    ("spp", "size"),
+    [
+        (1, 1),
+        (4, 1),
+        (7, 1),
+        (8, 2),
+        (15, 2),
+        (16, 4),
+        (31, 4),
+        (32, 8),
+        (63, 8),
+        (64, 16),
+        (65, 16),
+        (4096, 16),
+        (None, 16),
+    ],
+)
+def test_few_samples_get_small_replicates_so_that_four_are_left(spp: int | None, size: int) -> None:
+    target = Target(spp=spp, error=0.05)
+    assert replicate_size_for(Settings(), target) == size
+    assert spp is None or spp < 4 or spp // size >= 4
+
+
+@pytest.mark.parametrize("asked", [1, 2, 64])
+def test_a_replicate_size_that_is_asked_for_is_taken(asked: int) -> None:
+    assert replicate_size_for(Settings(replicate_size=asked), Target(spp=4)) == asked

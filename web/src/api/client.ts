@@ -1,0 +1,92 @@
+/** Requests to the service. All addresses are relative to the page, and every call takes an AbortSignal. */
+import { Problem, problemFrom } from './problem';
+import type { GalleryScene, Job, PixelReading, Submission, UploadedScene } from './types';
+
+export const jobPath = (id: string): string => `api/jobs/${encodeURIComponent(id)}`;
+export const exrPath = (id: string): string => `${jobPath(id)}/image.exr`;
+export const pngPath = (id: string, exposure: number, seq?: number): string =>
+  `${jobPath(id)}/image.png?exposure=${exposure}${seq === undefined ? '' : `&seq=${seq}`}`;
+
+export async function getJson<T>(path: string, signal?: AbortSignal): Promise<T> {
+  const response = await fetch(path, { signal, headers: { accept: 'application/json' } });
+  if (!response.ok) throw problemFrom(response.status, await response.text());
+  return (await response.json()) as T;
+}
+
+export async function postJson<T>(path: string, body: unknown, signal?: AbortSignal): Promise<T> {
+  const response = await fetch(path, {
+    method: 'POST',
+    signal,
+    headers: { 'content-type': 'application/json', accept: 'application/json' },
+    body: body === undefined ? undefined : JSON.stringify(body),
+  });
+  if (!response.ok) throw problemFrom(response.status, await response.text());
+  return (await response.json()) as T;
+}
+
+export const listGallery = (signal?: AbortSignal): Promise<GalleryScene[]> => getJson('api/gallery', signal);
+
+export async function listScenes(signal?: AbortSignal): Promise<UploadedScene[]> {
+  const answer = await getJson<UploadedScene[] | { scenes: UploadedScene[] }>('api/scenes', signal);
+  return Array.isArray(answer) ? answer : answer.scenes;
+}
+
+export async function listJobs(signal?: AbortSignal): Promise<Job[]> {
+  return (await getJson<{ jobs: Job[] }>('api/jobs?limit=200', signal)).jobs;
+}
+
+export const getJob = (id: string, signal?: AbortSignal): Promise<Job> => getJson(jobPath(id), signal);
+export const submitJob = (submission: Submission, signal?: AbortSignal): Promise<Job> =>
+  postJson('api/jobs', submission, signal);
+export const cancelJob = (id: string): Promise<Job> => postJson(`${jobPath(id)}/cancel`, undefined);
+
+export const readPixel = (id: string, x: number, y: number, signal?: AbortSignal): Promise<PixelReading> =>
+  getJson(`${jobPath(id)}/pixel?x=${x}&y=${y}`, signal);
+
+/** Newest frame after `after`, or null when there is none. The browser undoes the content encoding. */
+export async function fetchFrame(
+  id: string,
+  after: number,
+  reduce: 1 | 2,
+  signal: AbortSignal,
+): Promise<ArrayBuffer | null> {
+  const response = await fetch(`${jobPath(id)}/frames/latest?after=${after}&scale=${reduce}`, { signal });
+  if (response.status === 204) return null;
+  if (!response.ok) throw problemFrom(response.status, await response.text());
+  return await response.arrayBuffer();
+}
+
+/** Sends a scene file. XMLHttpRequest because fetch still reports no upload progress. */
+export function uploadScene(
+  file: File,
+  onProgress: (sentBytes: number, totalBytes: number) => void,
+  signal: AbortSignal,
+): Promise<UploadedScene> {
+  return new Promise((resolve, reject) => {
+    const request = new XMLHttpRequest();
+    request.open('POST', 'api/scenes');
+    request.setRequestHeader('accept', 'application/json');
+    request.upload.onprogress = (event) => onProgress(event.loaded, event.total);
+    request.onload = () => {
+      if (request.status >= 200 && request.status < 300) resolve(JSON.parse(request.responseText) as UploadedScene);
+      else reject(problemFrom(request.status, request.responseText));
+    };
+    request.onerror = () =>
+      reject(new Problem('Upload broken off', `${file.name} was not sent: the connection broke. Try again.`, 0));
+    request.onabort = () => reject(new DOMException('upload cancelled', 'AbortError'));
+    signal.addEventListener('abort', () => request.abort(), { once: true });
+    const form = new FormData();
+    form.append('file', file);
+    request.send(form);
+  });
+}
+
+/** The command line that asks for the same render. */
+export function asCurl(job: Job, base: string): string {
+  const scene = job.scene.gallery ? { gallery: job.scene.gallery } : { id: job.scene.id };
+  const present = (record: object): object =>
+    Object.fromEntries(Object.entries(record).filter(([, value]) => value !== null && value !== undefined));
+  const body = JSON.stringify({ scene, target: present(job.target), settings: present(job.settings) });
+  const quoted = body.replaceAll("'", "'\\''");
+  return `curl -sS ${new URL('api/jobs', base).href} -H 'content-type: application/json' -d '${quoted}'`;
+}

@@ -1,0 +1,100 @@
+import { afterEach, beforeEach, expect, it, vi } from 'vitest';
+import { decodeFrame, type Frame } from './decode';
+import { FramePuller, SLOW_TRANSFER_MS } from './puller';
+import { frameBody } from './sample';
+
+interface Request {
+  jobId: string;
+  after: number;
+  reduce: number;
+  signal: AbortSignal;
+  answer: (frame: Frame | null) => void;
+  fail: (cause: Error) => void;
+}
+
+let requests: Request[];
+let shown: string[];
+let clock: number;
+let puller: FramePuller;
+
+const frame = (seq: number, reduce = 1): Frame => decodeFrame(frameBody({ seq, reduce }, [[0, 0, 0, 0]]));
+const settle = async (): Promise<void> => void (await vi.advanceTimersByTimeAsync(0));
+
+beforeEach(() => {
+  vi.useFakeTimers();
+  requests = [];
+  shown = [];
+  clock = 0;
+  puller = new FramePuller({
+    source: {
+      pull: (jobId, after, reduce, signal) =>
+        new Promise((answer, fail) => requests.push({ jobId, after, reduce, signal, answer, fail })),
+    },
+    onFrame: (jobId, { header }) => shown.push(`${jobId}:${header.seq}`),
+    onFailure: (jobId) => shown.push(`${jobId}:failed`),
+    now: () => clock,
+  });
+});
+afterEach(() => vi.useRealTimers());
+
+it('keeps one request under way and skips frames that were overtaken', async () => {
+  puller.select('a');
+  for (const seq of [1, 2, 3]) puller.announce('a', seq, false);
+  expect(requests).toHaveLength(1);
+  requests[0].answer(frame(1));
+  await settle();
+  expect(requests).toHaveLength(2);
+  expect(requests[1].after).toBe(1);
+  requests[1].answer(frame(3));
+  await settle();
+  expect(requests).toHaveLength(2);
+  expect(shown).toEqual(['a:1', 'a:3']);
+});
+
+it('aborts when another job is selected and shows nothing late', async () => {
+  puller.select('a');
+  puller.announce('a', 1, false);
+  puller.select('b');
+  expect(requests[0].signal.aborted).toBe(true);
+  requests[0].answer(frame(1));
+  await settle();
+  puller.announce('a', 2, false);
+  expect(shown).toEqual([]);
+  puller.announce('b', 1, false);
+  expect(requests[1].jobId).toBe('b');
+});
+
+it('asks for 2×2 means on a slow link, and for the whole picture at the end', async () => {
+  puller.select('a');
+  puller.announce('a', 1, false);
+  clock += SLOW_TRANSFER_MS + 1;
+  requests[0].answer(frame(1));
+  await settle();
+  puller.announce('a', 2, false);
+  expect(requests[1].reduce).toBe(2);
+  requests[1].answer(frame(2, 2));
+  await settle();
+  puller.announce('a', 2, true);
+  expect(requests[2]).toMatchObject({ reduce: 1, after: 0 });
+  requests[2].answer(frame(2));
+  await settle();
+  expect(requests).toHaveLength(3);
+});
+
+it('tries again after a failure', async () => {
+  puller.select('a');
+  puller.announce('a', 1, true);
+  requests[0].fail(new Error('gone'));
+  await settle();
+  expect(shown).toEqual(['a:failed']);
+  await vi.advanceTimersByTimeAsync(2000);
+  expect(requests).toHaveLength(2);
+});
+
+it('an empty answer is not asked for again', async () => {
+  puller.select('a');
+  puller.announce('a', 4, false);
+  requests[0].answer(null);
+  await settle();
+  expect(requests).toHaveLength(1);
+});

@@ -1,0 +1,102 @@
+/**
+ * Pulls the newest frame of the selected job: at most one request under way, stale frames are never queued, and a
+ * change of selection aborts what is under way. A slow link (last transfer over 1.5 s) asks for 2×2 means until
+ * the job ends.
+ */
+import type { Frame } from './decode';
+
+export interface FrameSource {
+  pull(jobId: string, after: number, reduce: 1 | 2, signal: AbortSignal): Promise<Frame | null>;
+}
+
+export interface PullerOptions {
+  source: FrameSource;
+  onFrame: (jobId: string, frame: Frame) => void;
+  onFailure: (jobId: string, cause: unknown) => void;
+  now?: () => number;
+}
+
+export const SLOW_TRANSFER_MS = 1500;
+const RETRY_MS = 2000;
+
+export class FramePuller {
+  private jobId: string | null = null;
+  private wanted = 0;
+  private held = 0;
+  private heldReduce = 1;
+  private isFinal = false;
+  private isSlow = false;
+  private abort: AbortController | null = null;
+  private retryTimer: ReturnType<typeof setTimeout> | undefined;
+
+  constructor(private readonly options: PullerOptions) {}
+
+  select(jobId: string | null): void {
+    if (jobId === this.jobId) return;
+    this.forget();
+    this.jobId = jobId;
+  }
+
+  /** Tells that `jobId` has frame `seq`; `isFinal` once no newer one will come. */
+  announce(jobId: string, seq: number, isFinal: boolean): void {
+    if (jobId !== this.jobId || seq <= 0) return;
+    this.wanted = Math.max(this.wanted, seq);
+    this.isFinal = isFinal;
+    this.pullIfNeeded();
+  }
+
+  /** Drops what is held: after a server restart its sequence numbers mean nothing. */
+  forget(): void {
+    this.abort?.abort();
+    this.abort = null;
+    clearTimeout(this.retryTimer);
+    this.wanted = 0;
+    this.held = 0;
+    this.heldReduce = 1;
+    this.isFinal = false;
+  }
+
+  private get reduce(): 1 | 2 {
+    return this.isSlow && !this.isFinal ? 2 : 1;
+  }
+
+  private get isNeeded(): boolean {
+    return this.held < this.wanted || (this.isFinal && this.heldReduce > 1);
+  }
+
+  private pullIfNeeded(): void {
+    if (this.abort || this.jobId === null || !this.isNeeded) return;
+    void this.pull(this.jobId);
+  }
+
+  private async pull(jobId: string): Promise<void> {
+    const abort = new AbortController();
+    this.abort = abort;
+    clearTimeout(this.retryTimer);
+    const now = this.options.now ?? (() => performance.now());
+    const started = now();
+    const reduce = this.reduce;
+    // A final frame held only as 2×2 means has to be asked for again.
+    const after = this.held >= this.wanted ? 0 : this.held;
+    try {
+      const frame = await this.options.source.pull(jobId, after, reduce, abort.signal);
+      if (abort.signal.aborted) return;
+      if (frame) {
+        this.held = Math.max(this.held, frame.header.seq);
+        this.heldReduce = frame.header.reduce;
+        this.options.onFrame(jobId, frame);
+      } else {
+        this.held = Math.max(this.held, this.wanted);
+        this.heldReduce = 1;
+      }
+      if (reduce === 1) this.isSlow = now() - started > SLOW_TRANSFER_MS;
+      this.abort = null;
+      this.pullIfNeeded();
+    } catch (cause) {
+      if (abort.signal.aborted) return;
+      this.abort = null;
+      this.options.onFailure(jobId, cause);
+      this.retryTimer = setTimeout(() => this.pullIfNeeded(), RETRY_MS);
+    }
+  }
+}

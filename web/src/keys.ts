@@ -1,0 +1,86 @@
+/** The keyboard: one table that the handler obeys and the help shows. */
+export type Action =
+  | 'exposureUp' | 'exposureDown' | 'exposureReset' | 'normalise' | 'nextToneMap'
+  | 'toggleError' | 'onlyAbove' | 'fit' | 'actualSize' | 'zoomIn' | 'zoomOut'
+  | 'probeLeft' | 'probeRight' | 'probeUp' | 'probeDown'
+  | 'panLeft' | 'panRight' | 'panUp' | 'panDown'
+  | 'pin' | 'unpin' | 'nextJob' | 'previousJob' | 'newRender' | 'help'; // prettier-ignore
+
+export interface Binding {
+  action: Action;
+  /** `event.key` values; a leading "Shift+" asks for the shift key. */
+  keys: readonly string[];
+  /** As printed in the help; bindings with the same text share a line. */
+  shown: string;
+  does: string;
+  group: 'Picture' | 'View' | 'Probe' | 'Page';
+  /** Only while the viewer has the focus. */
+  isForViewer?: boolean;
+}
+
+export const BINDINGS: readonly Binding[] = [
+  { action: 'exposureUp', keys: ['e'], shown: 'e', does: 'half a stop brighter', group: 'Picture' },
+  { action: 'exposureDown', keys: ['Shift+E'], shown: 'Shift E', does: 'half a stop darker', group: 'Picture' },
+  { action: 'exposureReset', keys: ['r'], shown: 'r', does: 'exposure back to 0', group: 'Picture' },
+  { action: 'normalise', keys: ['n'], shown: 'n', does: 'normalise: the brightest 1 % turn white', group: 'Picture' },
+  { action: 'nextToneMap', keys: ['t'], shown: 't', does: 'next tone map', group: 'Picture' },
+  { action: 'toggleError', keys: ['h'], shown: 'h', does: 'error map on or off', group: 'Picture' },
+  { action: 'onlyAbove', keys: ['u'], shown: 'u', does: 'error map: only pixels above the target', group: 'Picture' },
+  { action: 'fit', keys: ['f'], shown: 'f', does: 'fit the picture', group: 'View' },
+  { action: 'actualSize', keys: ['0'], shown: '0', does: '100 %: one image pixel per screen pixel', group: 'View' },
+  { action: 'zoomIn', keys: ['+', '='], shown: '+', does: 'zoom in (or the wheel)', group: 'View' },
+  { action: 'zoomOut', keys: ['-'], shown: '-', does: 'zoom out', group: 'View' },
+  { action: 'panLeft', keys: ['Shift+ArrowLeft'], shown: 'Shift arrows', does: 'pan (or drag)', group: 'View', isForViewer: true },
+  { action: 'panRight', keys: ['Shift+ArrowRight'], shown: 'Shift arrows', does: 'pan (or drag)', group: 'View', isForViewer: true },
+  { action: 'panUp', keys: ['Shift+ArrowUp'], shown: 'Shift arrows', does: 'pan (or drag)', group: 'View', isForViewer: true },
+  { action: 'panDown', keys: ['Shift+ArrowDown'], shown: 'Shift arrows', does: 'pan (or drag)', group: 'View', isForViewer: true },
+  { action: 'probeLeft', keys: ['ArrowLeft'], shown: 'arrows', does: 'move the probe', group: 'Probe', isForViewer: true },
+  { action: 'probeRight', keys: ['ArrowRight'], shown: 'arrows', does: 'move the probe', group: 'Probe', isForViewer: true },
+  { action: 'probeUp', keys: ['ArrowUp'], shown: 'arrows', does: 'move the probe', group: 'Probe', isForViewer: true },
+  { action: 'probeDown', keys: ['ArrowDown'], shown: 'arrows', does: 'move the probe', group: 'Probe', isForViewer: true },
+  { action: 'pin', keys: ['Enter'], shown: 'Enter', does: 'pin the probe (or click)', group: 'Probe', isForViewer: true },
+  { action: 'unpin', keys: ['Escape'], shown: 'Esc', does: 'let the probe follow the pointer', group: 'Probe' },
+  { action: 'nextJob', keys: ['j'], shown: 'j', does: 'next job', group: 'Page' },
+  { action: 'previousJob', keys: ['k'], shown: 'k', does: 'previous job', group: 'Page' },
+  { action: 'newRender', keys: ['Shift+N'], shown: 'Shift N', does: 'new render', group: 'Page' },
+  { action: 'help', keys: ['?', 'Shift+?'], shown: '?', does: 'this help', group: 'Page' },
+];
+
+export interface KeyPress {
+  key: string;
+  shiftKey: boolean;
+  ctrlKey: boolean;
+  metaKey: boolean;
+  altKey: boolean;
+}
+
+export interface KeyContext {
+  /** The focus is in a field that takes text or keys of its own. */
+  isTyping: boolean;
+  isViewerFocused: boolean;
+  /** The switch of WCAG 2.1.4: single keys act only while the viewer has the focus. */
+  areSingleKeysOn: boolean;
+}
+
+export function actionFor(press: KeyPress, context: KeyContext): Action | null {
+  if (context.isTyping || press.ctrlKey || press.metaKey || press.altKey) return null;
+  if (!context.areSingleKeysOn && !context.isViewerFocused) return null;
+  const name = press.shiftKey ? `Shift+${press.key}` : press.key;
+  const binding = BINDINGS.find((entry) => entry.keys.includes(name) || entry.keys.includes(unshifted(name)));
+  if (!binding || (binding.isForViewer && !context.isViewerFocused)) return null;
+  return binding.action;
+}
+
+/** "+" needs Shift on many layouts. */
+const unshifted = (name: string): string => (name === 'Shift++' ? '+' : name);
+
+/** Lines of the help, one per distinct text, in groups. */
+export function helpLines(): Map<string, { shown: string; does: string }[]> {
+  const groups = new Map<string, { shown: string; does: string }[]>();
+  for (const { group, shown, does } of BINDINGS) {
+    const lines = groups.get(group) ?? [];
+    if (!lines.some((line) => line.shown === shown && line.does === does)) lines.push({ shown, does });
+    groups.set(group, lines);
+  }
+  return groups;
+}

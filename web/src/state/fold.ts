@@ -1,0 +1,38 @@
+/** How the list of jobs and a curve change with what arrives. Pure, so that late and repeated messages can be tested. */
+import { type CurvePoint, isEnded, type Job, type Progress } from '../api/types';
+
+/** Newest first; an ended job is never overtaken by an older message that says it still runs. */
+export function withJob(jobs: readonly Job[], incoming: Job): Job[] {
+  const known = jobs.find((job) => job.id === incoming.id);
+  if (known && isStale(known, incoming)) return jobs as Job[];
+  const { curve: _, ...job } = incoming;
+  const others = jobs.filter((entry) => entry.id !== job.id);
+  return [...others, job].sort((a, b) => (a.created_at < b.created_at ? 1 : a.created_at > b.created_at ? -1 : 0));
+}
+
+/** A fresh list from the service; jobs it no longer has are gone. */
+export function withList(jobs: readonly Job[], list: readonly Job[]): Job[] {
+  const kept = jobs.filter((job) => list.some((entry) => entry.id === job.id));
+  return list.reduce<Job[]>((folded, job) => withJob(folded, job), kept);
+}
+
+export function withProgress(jobs: readonly Job[], progress: Progress): Job[] {
+  return jobs.map((job) => {
+    if (job.id !== progress.id || (isEnded(job.state) && !isEnded(progress.state))) return job;
+    if (progress.frame_seq < job.frame_seq) return job;
+    return { ...job, ...progress };
+  });
+}
+
+/** Appends a point where time has gone on; the service's own curve replaces all of it when it is read anew. */
+export function withPoint(curve: readonly CurvePoint[], progress: Progress | Job): CurvePoint[] {
+  const last = curve[curve.length - 1];
+  const isNew = progress.error !== null && progress.error > 0 && (!last || progress.seconds > last.seconds);
+  if (!isNew) return curve as CurvePoint[];
+  return [...curve, { seconds: progress.seconds, spp: progress.spp, error: progress.error }];
+}
+
+function isStale(known: Job, incoming: Job): boolean {
+  if (isEnded(known.state) && !isEnded(incoming.state)) return true;
+  return known.state === incoming.state && incoming.frame_seq < known.frame_seq;
+}

@@ -1,0 +1,111 @@
+/** The New render form as a value: what was typed, what is wrong with it, what is sent. */
+import type { GalleryScene, Job, Submission, Target, Technique, UploadedScene } from './api/types';
+
+export type SceneChoice =
+  | { kind: 'gallery'; scene: GalleryScene }
+  | { kind: 'upload'; scene: UploadedScene };
+
+/** Fields as typed; empty means "the scene's own" or "no such target". */
+export interface Draft {
+  choice: SceneChoice | null;
+  hasError: boolean;
+  errorPercent: string;
+  hasSeconds: boolean;
+  seconds: string;
+  hasSpp: boolean;
+  spp: string;
+  width: string;
+  height: string;
+  maxDepth: string;
+  technique: Technique;
+  seed: string;
+}
+
+export type DraftErrors = Partial<Record<'scene' | 'target' | 'error' | 'seconds' | 'spp' | 'width' | 'height' | 'max_depth' | 'seed', string>>;
+
+export const TECHNIQUES: readonly { id: Technique; label: string; teaches: string }[] = [
+  { id: 'mis', label: 'MIS: both, weighted', teaches: 'BSDF and emitter sampling, weighted. Rarely beaten.' },
+  { id: 'emitter', label: 'Emitter sampling', teaches: 'Area form: points on the lights. Strong for small lights, blind to mirrors.' },
+  { id: 'bsdf', label: 'BSDF sampling', teaches: 'Directions the surface likes. Strong for gloss, noisy for small lights.' },
+  { id: 'cosine', label: 'Cosine hemisphere', teaches: 'Cosine-weighted hemisphere. Good for matt surfaces and large lights.' },
+  { id: 'uniform', label: 'Uniform hemisphere', teaches: 'Every direction alike: the baseline the others are measured against.' },
+];
+
+export function freshDraft(): Draft {
+  return {
+    choice: null,
+    hasError: true, errorPercent: '5',
+    hasSeconds: true, seconds: '60',
+    hasSpp: false, spp: '256',
+    width: '', height: '',
+    maxDepth: '', technique: 'mis', seed: '0',
+  }; // prettier-ignore
+}
+
+/** The form filled with what an earlier job asked for. */
+export function draftFrom(job: Job, choice: SceneChoice | null): Draft {
+  const { target, settings } = job;
+  const text = (value: number | null | undefined, otherwise: string): string =>
+    value === null || value === undefined ? otherwise : String(+value.toPrecision(6));
+  return {
+    choice,
+    hasError: !!target.error,
+    errorPercent: text(target.error ? target.error * 100 : null, '5'),
+    hasSeconds: !!target.seconds,
+    seconds: text(target.seconds, '60'),
+    hasSpp: !!target.spp,
+    spp: text(target.spp, '256'),
+    width: text(settings.width, ''),
+    height: text(settings.height, ''),
+    maxDepth: settings.max_depth !== null && settings.max_depth > 0 ? text(settings.max_depth, '') : '',
+    technique: settings.technique ?? 'mis',
+    seed: text(settings.seed, '0'),
+  };
+}
+
+export function targetOf(draft: Draft): Target {
+  return {
+    ...(draft.hasError && { error: +(Number(draft.errorPercent) / 100).toPrecision(8) }),
+    ...(draft.hasSeconds && { seconds: Number(draft.seconds) }),
+    ...(draft.hasSpp && { spp: Number(draft.spp) }),
+  };
+}
+
+export function errorsOf(draft: Draft): DraftErrors {
+  const errors: DraftErrors = {};
+  if (!draft.choice) errors.scene = 'Pick a scene or drop a file.';
+  if (!draft.hasError && !draft.hasSeconds && !draft.hasSpp) errors.target = 'Give at least one target.';
+  if (draft.hasError) errors.error = outside(draft.errorPercent, 0.01, 100, '%', false);
+  if (draft.hasSeconds) errors.seconds = outside(draft.seconds, 0.1, 604_800, 's', false);
+  if (draft.hasSpp) errors.spp = outside(draft.spp, 2, 1_048_576, '', true);
+  if (draft.width !== '') errors.width = outside(draft.width, 1, 16_384, 'px', true);
+  if (draft.height !== '') errors.height = outside(draft.height, 1, 16_384, 'px', true);
+  if (draft.maxDepth !== '') errors.max_depth = outside(draft.maxDepth, 1, 1024, '', true);
+  if (draft.seed !== '') errors.seed = outside(draft.seed, 0, 4_294_967_295, '', true);
+  return Object.fromEntries(Object.entries(errors).filter(([, message]) => message !== undefined));
+}
+
+export function submissionOf(draft: Draft): Submission {
+  if (!draft.choice) throw new Error('no scene chosen');
+  const { choice } = draft;
+  return {
+    scene: choice.kind === 'gallery' ? { gallery: choice.scene.name } : { id: choice.scene.id },
+    target: targetOf(draft),
+    settings: {
+      technique: draft.technique,
+      ...(draft.width !== '' && { width: Number(draft.width) }),
+      ...(draft.height !== '' && { height: Number(draft.height) }),
+      ...(draft.maxDepth !== '' && { max_depth: Number(draft.maxDepth) }),
+      ...(draft.seed !== '' && { seed: Number(draft.seed) }),
+    },
+  };
+}
+
+function outside(text: string, low: number, high: number, unit: string, isWhole: boolean): string | undefined {
+  const value = Number(text);
+  const shownUnit = unit ? ` ${unit}` : '';
+  if (text.trim() === '' || !Number.isFinite(value)) return 'Type a number.';
+  if (isWhole && !Number.isInteger(value)) return 'Type a whole number.';
+  if (value < low || value > high) return `From ${low} to ${high}${shownUnit}.`;
+  return undefined;
+}
