@@ -82,7 +82,7 @@ class PathKernel:
         self.shutter_time = float(sensor.shutter_open_time())
 
     def launch(self, pixels: Any, replicates: Any, seed: int) -> tuple[Any, Any]:
-        """Schedules one pass and returns lazily evaluated arrays.
+        """Starts one pass; reading the returned arrays waits for it.
 
         pixels, replicates: (n,) uint32, row-major pixel index and replicate index of each lane.
         Returns radiance: Color3f of n, the mean of the finite samples; invalid: UInt32 of n, samples not finite.
@@ -90,7 +90,7 @@ class PathKernel:
         low, high = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), dr.opaque(mi.UInt32, seed >> 32)
         with dr.suspend_grad():
             radiance, invalid = self._run(_lanes(pixels), _lanes(replicates), low, high, self.sizes)
-        dr.schedule(radiance, invalid)
+        dr.eval(radiance, invalid)  # apart from what reads them: else their number would be compiled into the kernel
         return radiance, invalid
 
     @dr.syntax

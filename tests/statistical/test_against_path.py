@@ -46,7 +46,9 @@ def path_mean(scene: renderer.Scene, spp: int, seed: int) -> tuple[float, float]
     )
     runs = []
     for run in range(PATH_RUNS):
-        image = mi.render(scene.mitsuba_scene, integrator=integrator, spp=spp, seed=seed % 2**20 + run)
+        image = mi.render(
+            scene.mitsuba_scene, sensor=scene.sensor, integrator=integrator, spp=spp, seed=seed % 2**20 + run
+        )
         runs.append(float(np.mean(np.array(image)[..., :3] @ np.array([0.2126, 0.7152, 0.0722]))))
     return float(np.mean(runs)), float(np.std(runs, ddof=1)) / math.sqrt(PATH_RUNS)
 
