@@ -114,9 +114,11 @@ def finished_job(service: Service) -> str:
     return job_id
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Headless Chromium with WebGL2."""
+    """Headless Chromium with WebGL2. Ends with its module: an open Playwright keeps an event loop running, in which
+    tests that start their own fail.
+    """
     with sync_playwright() as playwright:
         try:
             running = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=CHROMIUM_ARGUMENTS)
