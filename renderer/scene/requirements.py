@@ -14,8 +14,6 @@ from renderer.errors import SceneError, UnsupportedScene
 from renderer.scene.source import Parsed
 
 POLARISED = frozenset({"polarizer", "retarder", "circular", "measured_polarized", "stokes"})
-DELTA_EMITTERS = frozenset({"point", "spot", "directional", "projector"})
-MOVING = frozenset({"animated"})
 DEFAULT_RR_DEPTH = 5
 UNLIMITED = -1
 
