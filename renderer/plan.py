@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 FIRST_REPLICATES = 2
 FIRST_SAMPLES = 2**17  # of the first pass: a picture within a fraction of a second
 MIN_PASS_SAMPLES, MAX_PASS_SAMPLES = 2**17, 2**22
-PASS_SECONDS = 0.3  # aimed at: how long a stop, a pause or another job waits
+PASS_SECONDS = 0.2  # aimed at: how long a stop, a pause or another job waits
 MIN_REPLICATES_TO_STOP = 4  # before an error target can be believed
 CHECKPOINT_GROWTH = 1.15
 

@@ -21,9 +21,10 @@ from renderer.settings import Settings, Target, replicate_size_for
 if TYPE_CHECKING:
     from renderer.scene.compile import Scene
 
-MIN_SNAPSHOT_SECONDS = 0.25
+MIN_SNAPSHOT_SECONDS, MAX_SNAPSHOT_SECONDS = 0.25, 0.35  # of rendering between two snapshots
 CURVE_GROWTH = 1.1
-SNAPSHOT_SHARE = 0.1  # of the render time that making snapshots may take
+SNAPSHOT_SHARE = 0.1  # of the render time that making snapshots may take,
+MAX_SNAPSHOT_SHARE = 0.3  # or this much where a viewer would otherwise wait for longer than a moment
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def progressive(
     scene: a loaded scene or anything that `load_scene` takes. start: an estimate to go on from (same scene, settings
     and seed). should_stop: asked between passes; True ends with stopped_by = "interrupted".
     Being suspended between snapshots costs nothing: seconds count render time only. The first snapshot comes after the
-    first coarse pass, later ones at most every quarter second. Equal settings and seed give equal moments, whatever
+    first coarse pass, later ones at most every quarter second of rendering. Equal settings and seed give equal moments, whatever
     the timing, and a render that was resumed equals one that was not.
     """
     from renderer.scene.compile import Scene, load_scene
@@ -176,9 +177,9 @@ class _Render:
         return plan.pass_samples_for(self.speed)
 
     def _is_snapshot_due(self) -> bool:
-        return self.sequence == 0 or self.since_snapshot >= max(
-            MIN_SNAPSHOT_SECONDS, self.snapshot_cost / SNAPSHOT_SHARE
-        )
+        cost = self.snapshot_cost
+        pace = min(max(cost / SNAPSHOT_SHARE, MIN_SNAPSHOT_SECONDS), MAX_SNAPSHOT_SECONDS)
+        return self.sequence == 0 or self.since_snapshot >= max(pace, cost / MAX_SNAPSHOT_SHARE)
 
     def _stop_reason(self) -> str | None:
         """Why to stop now, at the end of a round. Looking at targets here only does not fool them."""

@@ -15,7 +15,8 @@ from service.store import JobRecord, Progress
 _SHARED_MEMORY = Path("/dev/shm")
 _ENOUGH_SHARED_BYTES = 1 << 30  # containers often have 64 MiB: a few pictures fill that
 _CACHED_DISPLAYS = 4
-_KEPT_ESTIMATES = 2  # the newest, and the one before it for those who are just reading it
+# The newest, which may not be recorded yet, the recorded one, and the one before it for those who are just reading it.
+_KEPT_ESTIMATES = 3
 
 
 class EstimateFiles:

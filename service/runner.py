@@ -18,7 +18,7 @@ import structlog
 from service.dispatch import Candidate, next_job
 from service.engine import worker
 from service.engine.local import LocalEngine, Lost
-from service.engine.turn import Failure, Turn, TurnResult
+from service.engine.turn import Failure, Saved, Turn, TurnResult
 from service.estimates import EstimateFiles
 from service.hub import Hub
 from service.messages import ProgressMessage
@@ -144,7 +144,8 @@ class Runner:
             with contextlib.suppress(Lost):
                 result = await self._engine.submit(worker.retire, self._turn(live), deadline=_STOP_SECONDS)
                 _absorb(live, result)
-                await self._save(live)
+                if result.saved is not None:
+                    await self._save(live, result.saved)
 
     async def _warm_up(self) -> None:
         try:
@@ -208,8 +209,8 @@ class Runner:
         if result.stopped_by is not None:
             await self._end(live, Step.FINISH, stopped_by=result.stopped_by)
             return
-        if result.checkpoint is not None:
-            await self._save(live)
+        if result.saved is not None:
+            await self._save(live, result.saved)
         self._hub.tell_progress(ProgressMessage.of(live.record, live.progress))
         _notify(live)
 
@@ -231,9 +232,10 @@ class Runner:
             save=live.wants_save,
         )
 
-    async def _save(self, live: LiveJob) -> None:
+    async def _save(self, live: LiveJob, saved: Saved) -> None:
         """Name the newly saved estimate together with the progress it holds."""
-        await asyncio.to_thread(self._store.save, live.record, live.progress, live.curve, live.checkpoint)
+        curve = [point for point in live.curve if point["seconds"] <= saved.progress.seconds]
+        await asyncio.to_thread(self._store.save, live.record, saved.progress, curve, saved.name)
         await asyncio.to_thread(self._files.prune, live.record.id)
 
     async def _cancel(self, live: LiveJob) -> None:
@@ -288,9 +290,9 @@ def _absorb(live: LiveJob, result: TurnResult) -> None:
     if result.progress is not None:
         live.progress = result.progress
         live.seq = result.progress.frame_seq
-    if result.checkpoint is not None:
-        live.checkpoint = result.checkpoint
-        live.wants_save = False
+    if result.saved is not None:
+        live.checkpoint = result.saved.name
+        live.wants_save = live.wants_save and result.saved.progress.seconds < live.progress.seconds
     if result.warnings and result.warnings != live.record.warnings:
         live.record = replace(live.record, warnings=result.warnings)
     live.curve.extend(result.curve)

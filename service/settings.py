@@ -40,7 +40,7 @@ class ServiceSettings(BaseSettings):
     max_waiting_jobs: int = Field(default=200, ge=1, description="queued jobs; more are refused")
     max_running_jobs: int = Field(default=16, ge=1, description="jobs that share the renderer; others wait")
 
-    turn_seconds: float = Field(default=0.4, gt=0, le=5, description="render time of one job before the next")
+    turn_seconds: float = Field(default=0.3, gt=0, le=5, description="render time of one job before the next")
     checkpoint_seconds: float = Field(default=5.0, gt=0, description="render time between two saved estimates")
     turn_deadline_seconds: float = Field(default=120.0, gt=0, description="a turn without answer is killed")
     upload_deadline_seconds: float = Field(default=30.0, gt=0, description="time to check an uploaded scene")

@@ -46,15 +46,23 @@ class Failure:
 
 
 @dataclass(frozen=True, slots=True)
+class Saved:
+    """A newly saved estimate: its file below the folder of estimates, and the progress that it holds."""
+
+    name: str
+    progress: Progress
+
+
+@dataclass(frozen=True, slots=True)
 class TurnResult:
     """What a turn led to.
 
-    progress is None if the turn rendered nothing; checkpoint names a newly saved estimate.
+    progress is None if the turn rendered nothing. saved is often a little older: writing goes on beside rendering.
     """
 
     progress: Progress | None = None
     curve: tuple[dict[str, float], ...] = ()
-    checkpoint: str | None = None
+    saved: Saved | None = None
     stopped_by: str | None = None
     warnings: tuple[str, ...] = ()
     failure: Failure | None = None

@@ -17,13 +17,14 @@ import time
 import traceback
 from collections import OrderedDict
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from service.display import display_of, write_display
 from service.engine.references import refuse_outside_references
-from service.engine.turn import Failure, SceneFacts, Turn, TurnResult
+from service.engine.turn import Failure, Saved, SceneFacts, Turn, TurnResult
 from service.store.records import Progress
 
 if TYPE_CHECKING:
@@ -43,10 +44,13 @@ class _Run:
     saved_seconds: float
     last: Snapshot | None = None
     last_seq: int = 0
+    saving: Future[Saved] | None = None
 
 
 _scenes: OrderedDict[str, Scene] = OrderedDict()
 _runs: dict[tuple[str, int], _Run] = {}
+# Large estimates take a good part of a second to write: rendering and frames go on meanwhile.
+_writer = ThreadPoolExecutor(1, thread_name_prefix="save")
 
 
 def begin(displays: Path | None) -> None:
@@ -68,8 +72,8 @@ def warm_up() -> None:
     """Import the renderer, compile and run a small picture, so that the first job need not wait for that."""
     import renderer
 
-    # At the scene's own size and with the usual kind of target: the size of a replicate is compiled in.
-    for _ in renderer.progressive(WARM_UP_SCENE, renderer.Target(error=0.05)):
+    scene = _scenes[WARM_UP_SCENE] = renderer.load_scene(WARM_UP_SCENE)
+    for _ in renderer.progressive(scene, renderer.Target(error=0.05)):
         break
 
 
@@ -102,11 +106,10 @@ def advance(turn: Turn) -> TurnResult:
         display = display_of(run.last.estimate, seq=run.last_seq, seconds=run.last.seconds)
         write_display(display, Path(turn.display_path))
         is_over = run.last.stopped_by is not None
-        is_due = run.last.seconds - run.saved_seconds >= turn.checkpoint_seconds
         result = TurnResult(
             progress=_progress(run),
             curve=curve,
-            checkpoint=_save(run, turn) if is_over or is_due or turn.save else None,
+            saved=_save(run, turn) if is_over or turn.save else _save_beside(run, turn),
             stopped_by=run.last.stopped_by,
             warnings=tuple(run.scene.warnings),
         )
@@ -124,7 +127,7 @@ def retire(turn: Turn) -> TurnResult:
     if run is None or run.last is None:
         return TurnResult()
     try:
-        return TurnResult(progress=_progress(run), checkpoint=_save(run, turn), warnings=tuple(run.scene.warnings))
+        return TurnResult(progress=_progress(run), saved=_save(run, turn), warnings=tuple(run.scene.warnings))
     except Exception as error:
         return TurnResult(failure=_failure(error))
 
@@ -191,15 +194,37 @@ def _render(run: _Run, turn: Turn) -> tuple[dict[str, float], ...]:
     raise RuntimeError("the renderer ended without saying why")
 
 
-def _save(run: _Run, turn: Turn) -> str:
-    """Write the estimate, durably, and return its path below the folder of estimates."""
+def _save(run: _Run, turn: Turn) -> Saved:
+    """Save the newest estimate and wait until it is on disk."""
+    if run.saving is not None:
+        run.saving.result()
+    run.saving = None
+    return _start_saving(run, turn).result()
+
+
+def _save_beside(run: _Run, turn: Turn) -> Saved | None:
+    """Begin to save if it is due; say what was saved since the last turn."""
+    done = None
+    if run.saving is not None and run.saving.done():
+        done, run.saving = run.saving.result(), None
     assert run.last is not None
-    name = f"{turn.job_id}/{run.last_seq:08d}.exr"
-    path = Path(turn.estimates_dir) / name
-    run.last.estimate.write(path, {"job": turn.job_id})
-    _sync_folder(path.parent)
+    if run.saving is None and run.last.seconds - run.saved_seconds >= turn.checkpoint_seconds:
+        run.saving = _start_saving(run, turn)
+    return done
+
+
+def _start_saving(run: _Run, turn: Turn) -> Future[Saved]:
+    assert run.last is not None
+    estimate, saved = run.last.estimate, Saved(f"{turn.job_id}/{run.last_seq:08d}.exr", _progress(run))
     run.saved_seconds = run.last.seconds
-    return name
+
+    def write() -> Saved:
+        path = Path(turn.estimates_dir) / saved.name
+        estimate.write(path, {"job": turn.job_id})
+        _sync_folder(path.parent)
+        return saved
+
+    return _writer.submit(write)
 
 
 def _sync_folder(folder: Path) -> None:
