@@ -8,13 +8,15 @@
 Importing this package imports neither Mitsuba nor any HTTP code.
 """
 
-from renderer import errors
+from renderer import backend, errors
 from renderer.estimate.estimate import Estimate, PixelReading, merge
 from renderer.estimate.forecast import CurvePoint, Forecast
 from renderer.progress import Snapshot, progressive, render
 from renderer.scene import gallery
 from renderer.scene.compile import Scene, load_scene
 from renderer.settings import Settings, Target
+
+backend.choose_llvm()  # Dr.Jit looks for it when it is imported, which a caller may do next
 
 __all__ = [
     "CurvePoint",

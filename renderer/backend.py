@@ -54,17 +54,35 @@ def _has_cuda() -> bool:
     return ctypes.util.find_library("cuda") is not None or Path("/usr/lib/wsl/lib/libcuda.so.1").exists()
 
 
+def choose_llvm() -> None:
+    """Points Dr.Jit to a libLLVM that works, unless the user did. Must come before Dr.Jit's first import."""
+    if "DRJIT_LIBLLVM_PATH" not in os.environ and (llvm := find_llvm()):
+        os.environ["DRJIT_LIBLLVM_PATH"] = llvm
+
+
+def _refuse_old_llvm() -> None:
+    """An old libLLVM, loaded before we could choose, would abort the process in the middle of a render."""
+    maps = Path("/proc/self/maps")
+    loaded = re.findall(r"\S*libLLVM\S*", maps.read_text()) if maps.exists() else []
+    if loaded and 0 < (version := max(map(_llvm_version, loaded))) < OLDEST_LLVM:
+        raise BackendError(
+            f"Dr.Jit has loaded LLVM {version}, and {OLDEST_LLVM} or newer is needed: import renderer before drjit and "
+            "mitsuba, or point DRJIT_LIBLLVM_PATH at a newer library"
+        )
+
+
 @cache
 def mitsuba() -> ModuleType:
     """The `mitsuba` module with a working variant set: `FREDHOLM_VARIANT` if given, else CUDA, else LLVM.
 
     Raises BackendError with one sentence that says what is missing.
     """
-    if "DRJIT_LIBLLVM_PATH" not in os.environ and (llvm := find_llvm()):
-        os.environ["DRJIT_LIBLLVM_PATH"] = llvm
+    choose_llvm()
     import drjit as dr
     import mitsuba as mi
 
+    if not str(mi.variant() or os.environ.get("FREDHOLM_VARIANT")).startswith("cuda"):
+        _refuse_old_llvm()
     if mi.variant() is not None and "FREDHOLM_VARIANT" not in os.environ:
         variant = str(mi.variant())
         if not variant.startswith(("llvm_ad_", "cuda_ad_")) or "polarized" in variant:

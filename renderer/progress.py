@@ -61,8 +61,8 @@ def progressive(
     scene: a loaded scene or anything that `load_scene` takes. start: an estimate to go on from (same scene, settings
     and seed). should_stop: asked between passes; True ends with stopped_by = "interrupted".
     Being suspended between snapshots costs nothing: seconds count render time only. The first snapshot comes after the
-    first coarse pass, later ones at most every quarter second of rendering. Equal settings and seed give equal moments, whatever
-    the timing, and a render that was resumed equals one that was not.
+    first coarse pass, later ones at most every quarter second of rendering. Equal settings and seed give equal
+    moments, whatever the timing, and a render that was resumed equals one that was not.
     """
     from renderer.scene.compile import Scene, load_scene
 

@@ -64,7 +64,7 @@ class Model:
 class PathKernel:
     """Compiled once per (scene, model); `launch` runs it over any lanes without compiling again."""
 
-    def __init__(self, scene: Any, sensor: Any, model: Model) -> None:
+    def __init__(self, scene: Any, sensor: Any, size: tuple[int, int], model: Model) -> None:
         self.scene = scene
         self.sensor = sensor
         self.model = model
@@ -72,11 +72,10 @@ class PathKernel:
         self.directions = Directions(model.technique)
         self.emitters = EmitterSampler(scene)
         self.samples_emitters = model.samples_emitters and not self.emitters.is_empty
-        film = sensor.film()
-        size = film.crop_size()  # sensors take positions relative to the crop window
+        # Sensors take positions relative to the crop window, of which `size` is the number of pixels.
         # Opaque, so that one compiled kernel serves all sizes and depths.
         depth_limit = NO_LIMIT if model.max_depth < 0 else model.max_depth
-        numbers = (int(size[0]), int(size[1]), model.replicate_size, depth_limit, model.rr_depth)
+        numbers = (*size, model.replicate_size, depth_limit, model.rr_depth)
         self.sizes: Sizes = tuple(dr.opaque(mi.UInt32, n) for n in numbers)
         self.shutter_open = float(sensor.shutter_open())
         self.shutter_time = float(sensor.shutter_open_time())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,9 @@ from renderer.settings import UNLIMITED_DEPTH, Settings
 
 if TYPE_CHECKING:
     from renderer.equation.path import PathKernel
+
+# Sensors whose rays depend on the film's aspect ratio alone.
+_SHAPE_ONLY_SENSORS = ("perspective", "thinlens", "orthographic")
 
 
 @dataclass
@@ -56,7 +60,7 @@ class Scene:
         """This scene at the size that the settings ask for, sharing all but the sensor."""
         if settings.width in (None, self.width) and settings.height in (None, self.height):
             return self
-        sensor, width, height = _make_sensor(self._parsed, self.mitsuba_scene, settings)
+        sensor, width, height = _make_sensor(self._parsed, self.mitsuba_scene, settings.width, settings.height)
         return replace(self, sensor=sensor, width=width, height=height, _kernels={})
 
     def kernel(self, settings: Settings) -> PathKernel:
@@ -74,8 +78,20 @@ class Scene:
             has_lens=self.sensor.needs_aperture_sample(),
         )
         if model not in self._kernels:
-            self._kernels[model] = PathKernel(self.mitsuba_scene, self.sensor, model)
+            self._kernels[model] = PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)
         return self._kernels[model]
+
+    def _camera(self) -> Any:
+        """The sensor as the kernel uses it: on the smallest film of the same shape.
+
+        Mitsuba's cameras compile the film's size in, though only its shape matters: so all sizes share a kernel.
+        """
+        description = rewrite.sensor_dict(self._parsed.state, self.width, self.height)
+        is_cropped = self.film[:2] != self.film[4:]
+        if is_cropped or description["type"] not in _SHAPE_ONLY_SENSORS:
+            return self.sensor
+        divisor = math.gcd(self.width, self.height)
+        return _make_sensor(self._parsed, self.mitsuba_scene, self.width // divisor, self.height // divisor)[0]
 
 
 def load_scene(source: str | Path | dict[str, Any], *, settings: Settings | None = None) -> Scene:
@@ -89,13 +105,13 @@ def load_scene(source: str | Path | dict[str, Any], *, settings: Settings | None
     rewrite.neutralise_integrators(parsed.state)
     rewrite.sensor_dict(parsed.state, asked.width, asked.height)  # refuses bad sizes before anything is loaded
     made = instantiate(parsed)
-    sensor, width, height = _make_sensor(parsed, made, asked)
+    sensor, width, height = _make_sensor(parsed, made, asked.width, asked.height)
     return Scene(source, parsed.name, parsed.digest, width, height, requirements, made, sensor, parsed)
 
 
-def _make_sensor(parsed: Parsed, scene: Any, settings: Settings) -> tuple[Any, int, int]:
+def _make_sensor(parsed: Parsed, scene: Any, width: int | None, height: int | None) -> tuple[Any, int, int]:
     """The sensor at the asked size, with the width and height of its image."""
-    description = rewrite.sensor_dict(parsed.state, settings.width, settings.height)
+    description = rewrite.sensor_dict(parsed.state, width, height)
     sensor = load_part(parsed, description)
     sensor.set_scene(scene)
     size = sensor.film().crop_size()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 from renderer.backend import OLDEST_LLVM, find_llvm, versions
 
 ROOT = Path(__file__).resolve().parents[2]
+OLD_LLVM = "/usr/lib/*/libLLVM-1[56].so*"
 
 
 def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -58,3 +60,13 @@ def test_versions_name_what_an_image_depends_on() -> None:
     found = versions()
     assert set(found) == {"fredholm", "mitsuba", "drjit", "numpy"}
     assert found["mitsuba"].count(".") == 2
+
+
+@pytest.mark.skipif(not glob.glob(OLD_LLVM), reason="neither LLVM 15 nor 16 is installed here")
+def test_a_dr_jit_that_was_imported_first_with_an_old_llvm_is_refused() -> None:
+    code = (
+        "import mitsuba as mi\nmi.set_variant('llvm_ad_rgb')\nimport renderer\n"
+        "try:\n    renderer.load_scene('cornell-box')\nexcept renderer.errors.BackendError as error:\n    print(error)"
+    )
+    done = run(code, DRJIT_LIBLLVM_PATH=glob.glob(OLD_LLVM)[0])
+    assert "import renderer before drjit" in done.stdout, done.stderr
