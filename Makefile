@@ -42,7 +42,7 @@ check: page ## Formatting, lint, types, page checks
 	$(BIN)/pyright
 	$(BIN)/python hatch_build.py --check
 
-bench: $(VENV)/.ready ## Samples per second against Mitsuba's path, as ratios within one run
+bench: $(VENV)/.ready ## Speed and error at equal time against Mitsuba's path, as ratios within one run
 	$(BIN)/python -m tests.benchmarks
 
 thumbnails: $(VENV)/.ready ## Render the gallery's thumbnails again

@@ -1,0 +1,82 @@
+"""One scene: Fredholm and Mitsuba's `path` taking turns in one process, both warm.
+
+Rates are samples per second, ours with variances, theirs without. Errors are relMSE against one reference, scaled to
+equal time: squared error times seconds does not depend on when one stops.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import renderer
+from tests.benchmarks.peer import SAMPLERS, Peer
+from tests.benchmarks.reference import converged
+from tests.benchmarks.scenes import load_boxed
+
+WARM_UP_SECONDS = 0.3
+
+
+@dataclass(frozen=True)
+class Effort:
+    """width: of the image in pixels. seconds: of each render. reference_seconds: of the reference."""
+
+    width: int = 256
+    seconds: float = 2.0
+    rounds: int = 3
+    reference_seconds: float = 40.0
+    keep_reference: bool = True
+    samplers: tuple[str, ...] = SAMPLERS
+
+
+def compare(name: str, effort: Effort) -> dict[str, Any]:
+    """Rates, errors at equal time and their ratios; above 1 Fredholm is better. Medians over the rounds."""
+    scene = load_boxed(name, effort.width)
+    reference = converged(scene, effort.reference_seconds, effort.keep_reference)
+    _ours(scene, WARM_UP_SECONDS, 0)
+    peers = {sampler: Peer(scene, sampler) for sampler in effort.samplers}
+    spp = {sampler: peer.calibrate(effort.seconds) for sampler, peer in peers.items()}
+
+    rates: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
+    errors: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
+    n = scene.width * scene.height
+    for turn in range(effort.rounds):
+        estimate, took = _ours(scene, effort.seconds, turn + 1)
+        rates["fredholm"].append(estimate.samples / took)
+        errors["fredholm"].append(reference.rel_mse(estimate.mean) * took)
+        for sampler, peer in peers.items():
+            image, took, done = peer.render(spp[sampler], turn + 1)
+            rates[sampler].append(done * n / took)
+            errors[sampler].append(reference.rel_mse(image) * took)
+
+    plain = effort.samplers[0]
+    ours_at_equal_time = statistics.median(errors["fredholm"])
+    at_equal_time = {s: statistics.median(errors[s]) for s in peers}
+    best = min(at_equal_time, key=at_equal_time.__getitem__)
+    return {
+        "scene": name,
+        "width": scene.width,
+        "height": scene.height,
+        "max_depth": scene.requirements.max_depth,
+        "seconds": effort.seconds,
+        "rounds": effort.rounds,
+        "samples_per_second": statistics.median(rates["fredholm"]),
+        "path_samples_per_second": statistics.median(rates[plain]),
+        "rate_ratio": statistics.median(a / b for a, b in zip(rates["fredholm"], rates[plain], strict=True)),
+        "rel_mse": ours_at_equal_time / effort.seconds,
+        "path_rel_mse": {s: v / effort.seconds for s, v in at_equal_time.items()},
+        "path_sampler_rates": {s: statistics.median(rates[s]) for s in peers},
+        "error_ratio": at_equal_time[plain] / ours_at_equal_time,
+        "error_ratio_to_best": at_equal_time[best] / ours_at_equal_time,
+        "best_sampler": best,
+        "reference_share": reference.own_rel_mse * effort.seconds / max(ours_at_equal_time, 1e-30),
+    }
+
+
+def _ours(scene: renderer.Scene, seconds: float, seed: int) -> tuple[renderer.Estimate, float]:
+    settings = renderer.Settings(scene.width, scene.height, seed)
+    began = time.perf_counter()
+    estimate = renderer.render(scene, renderer.Target(seconds=seconds), settings)
+    return estimate, time.perf_counter() - began

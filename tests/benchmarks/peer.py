@@ -1,0 +1,57 @@
+"""Mitsuba's `path`, rendered as fast as it can: one warm launch, without variances."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import renderer
+from renderer.backend import mitsuba
+from tests.benchmarks.scenes import box_sensor
+
+# Low-discrepancy samplers round the number of samples up, so each launch asks what it became.
+SAMPLERS = ("independent", "multijitter", "ldsampler")
+PILOT_SPP = 16
+LARGEST_LAUNCH = 2**25  # samples: beyond this, memory and not speed is measured
+
+
+class Peer:
+    """`path` at the depth of the scene, with one of Mitsuba's samplers and a box filter."""
+
+    def __init__(self, scene: renderer.Scene, sampler: str) -> None:
+        mi = mitsuba()
+        needs = scene.requirements
+        self.scene = scene
+        self.sensor = box_sensor(scene, sampler={"type": sampler})
+        self.integrator: Any = mi.load_dict(
+            {
+                "type": "path",
+                "max_depth": needs.max_depth,
+                "rr_depth": needs.rr_depth,
+                "hide_emitters": needs.hide_emitters,
+            }
+        )
+
+    def calibrate(self, seconds: float) -> int:
+        """Samples per pixel that take about `seconds`; leaves the kernel for that number warm."""
+        self.render(PILOT_SPP, 0)
+        _, took, spp = self.render(PILOT_SPP, 1)
+        most = max(1, LARGEST_LAUNCH // (self.scene.width * self.scene.height))
+        asked = min(most, max(1, round(spp * seconds / took)))
+        _, _, spp = self.render(asked, 2)
+        return spp
+
+    def render(self, spp: int, seed: int) -> tuple[NDArray[np.float64], float, int]:
+        """(H, W, 3) radiance, seconds, samples per pixel."""
+        sampler = self.sensor.sampler()
+        sampler.set_sample_count(spp)
+        spp = int(sampler.sample_count())
+        began = time.perf_counter()
+        image: Any = mitsuba().render(
+            self.scene.mitsuba_scene, sensor=self.sensor, integrator=self.integrator, spp=spp, seed=seed
+        )
+        pixels = np.array(image, dtype=np.float64)
+        return pixels[..., :3], time.perf_counter() - began, spp
