@@ -11,6 +11,7 @@ from typing import Any
 
 from renderer.errors import SettingsError
 
+COLOURS = ("auto", "mono", "rgb", "spectral")
 TECHNIQUES = ("mis", "bsdf", "emitter", "cosine", "uniform")
 MAX_SIDE = 16384
 MAX_REPLICATE_SIZE = 64
@@ -32,6 +33,8 @@ class Settings:
     max_depth: as in Mitsuba (1 = only emitters seen directly, −1 = unlimited); None takes the scene's.
     technique: how incident directions are sampled: mis, bsdf, emitter, cosine or uniform.
     replicate_size: samples in one replicate, a power of two up to 64; None chooses by the target.
+    colour: how radiance depends on wavelength: mono, rgb or spectral; auto takes mono where nothing is coloured, else
+    rgb. Images are linear sRGB in each.
     """
 
     width: int | None = None
@@ -40,6 +43,7 @@ class Settings:
     max_depth: int | None = None
     technique: str = "mis"
     replicate_size: int | None = None
+    colour: str = "auto"
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -50,6 +54,8 @@ class Settings:
             _whole("max_depth", self.max_depth, UNLIMITED_DEPTH, 1_000_000)
         if self.technique not in TECHNIQUES:
             raise SettingsError(f"technique is {self.technique!r}; choose one of {', '.join(TECHNIQUES)}")
+        if self.colour not in COLOURS:
+            raise SettingsError(f"colour is {self.colour!r}; choose one of {', '.join(COLOURS)}")
         if (size := self.replicate_size) is not None:
             _whole("replicate_size", size, 1, MAX_REPLICATE_SIZE)
             if size & (size - 1):

@@ -17,7 +17,7 @@ from typing import Any
 
 import drjit as dr
 
-from renderer.backend import mitsuba
+from renderer.backend import mitsuba, using
 from renderer.equation import roulette
 from renderer.equation.emitters import EmitterSampler
 from renderer.equation.filter import PixelFilter
@@ -65,6 +65,7 @@ class PathKernel:
     """Compiled once per (scene, model); `launch` runs it over any lanes without compiling again."""
 
     def __init__(self, scene: Any, sensor: Any, size: tuple[int, int], model: Model) -> None:
+        self.variant: str = mi.variant()
         self.scene = scene
         self.sensor = sensor
         self.model = model
@@ -87,7 +88,7 @@ class PathKernel:
         Returns radiance: Color3f of n, the mean of the finite samples; invalid: UInt32 of n, samples not finite.
         """
         low, high = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), dr.opaque(mi.UInt32, seed >> 32)
-        with dr.suspend_grad():
+        with dr.suspend_grad(), using(self.variant):
             radiance, invalid = self._run(_lanes(pixels), _lanes(replicates), low, high, self.sizes)
         dr.eval(radiance, invalid)  # apart from what reads them: else their number would be compiled into the kernel
         return radiance, invalid

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from renderer.backend import using, variant_for
 from renderer.scene import rewrite
 from renderer.scene.requirements import Requirements, measure
 from renderer.scene.source import Parsed, instantiate, load_part, parse
@@ -21,7 +22,10 @@ _SHAPE_ONLY_SENSORS = ("perspective", "thinlens", "orthographic")
 
 @dataclass
 class Scene:
-    """A scene ready to render. width, height: of the image. digest: identity of its contents, in hexadecimal."""
+    """A scene ready to render. width, height: of the image. digest: identity of its contents, in hexadecimal.
+
+    variant: of Mitsuba, that `mitsuba_scene` and `sensor` belong to; use them inside `backend.using(variant)`.
+    """
 
     source: str | Path | dict[str, Any]
     name: str
@@ -31,6 +35,7 @@ class Scene:
     requirements: Requirements
     mitsuba_scene: Any
     sensor: Any
+    variant: str
     _parsed: Parsed = field(repr=False)
     _kernels: dict[Any, PathKernel] = field(default_factory=dict, repr=False)
 
@@ -38,6 +43,11 @@ class Scene:
     def warnings(self) -> tuple[str, ...]:
         """What is legal but odd about the scene."""
         return self.requirements.warnings
+
+    @property
+    def colour(self) -> str:
+        """How radiance depends on wavelength: mono, rgb or spectral."""
+        return self.variant.rsplit("_", 1)[1]
 
     @property
     def film(self) -> list[int]:
@@ -54,13 +64,17 @@ class Scene:
             height=self.height,
             max_depth=UNLIMITED_DEPTH if depth < 0 else depth,
             replicate_size=replicate_size,
+            colour=self.colour,
         )
 
     def sized(self, settings: Settings) -> Scene:
-        """This scene at the size that the settings ask for, sharing all but the sensor."""
+        """This scene at the size that the settings ask for, sharing all but the sensor; another colour loads again."""
+        if settings.colour not in ("auto", self.colour):
+            return load_scene(self.source, settings=settings)
         if settings.width in (None, self.width) and settings.height in (None, self.height):
             return self
-        sensor, width, height = _make_sensor(self._parsed, self.mitsuba_scene, settings.width, settings.height)
+        with using(self.variant):
+            sensor, width, height = _make_sensor(self._parsed, self.mitsuba_scene, settings.width, settings.height)
         return replace(self, sensor=sensor, width=width, height=height, _kernels={})
 
     def kernel(self, settings: Settings) -> PathKernel:
@@ -78,7 +92,8 @@ class Scene:
             has_lens=self.sensor.needs_aperture_sample(),
         )
         if model not in self._kernels:
-            self._kernels[model] = PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)
+            with using(self.variant):
+                self._kernels[model] = PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)
         return self._kernels[model]
 
     def _camera(self) -> Any:
@@ -97,16 +112,20 @@ class Scene:
 def load_scene(source: str | Path | dict[str, Any], *, settings: Settings | None = None) -> Scene:
     """Loads an .xml file, a Mitsuba dictionary or a gallery name.
 
-    settings: only width and height matter here. Raises SceneError (or UnsupportedScene) with place and cause.
+    settings: only width, height and colour matter here. Raises SceneError (or UnsupportedScene) with place and cause.
     """
     asked = settings or Settings()
     parsed = parse(source)
     requirements = measure(parsed)
-    rewrite.neutralise_integrators(parsed.state)
     rewrite.sensor_dict(parsed.state, asked.width, asked.height)  # refuses bad sizes before anything is loaded
-    made = instantiate(parsed)
-    sensor, width, height = _make_sensor(parsed, made, asked.width, asked.height)
-    return Scene(source, parsed.name, parsed.digest, width, height, requirements, made, sensor, parsed)
+    variant = variant_for(asked.colour, requirements.is_coloured)
+    with using(variant):
+        if variant != parsed.variant:
+            parsed = replace(parse(source), digest=parsed.digest)  # contents are the same, whatever the variant
+        rewrite.neutralise_integrators(parsed.state)
+        made = instantiate(parsed)
+        sensor, width, height = _make_sensor(parsed, made, asked.width, asked.height)
+    return Scene(source, parsed.name, parsed.digest, width, height, requirements, made, sensor, variant, parsed)
 
 
 def _make_sensor(parsed: Parsed, scene: Any, width: int | None, height: int | None) -> tuple[Any, int, int]:

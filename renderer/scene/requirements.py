@@ -29,6 +29,7 @@ class Requirements:
     rr_depth: int
     hide_emitters: bool
     warnings: tuple[str, ...]
+    is_coloured: bool = True
 
 
 def measure(parsed: Parsed) -> Requirements:

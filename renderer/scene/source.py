@@ -26,12 +26,16 @@ _FILE_PROPERTIES = ("filename",)
 
 @dataclass(frozen=True, slots=True)
 class Parsed:
-    """A parsed scene: Mitsuba's parser state, a name to show, a digest, and the folders that its files are in."""
+    """A parsed scene: Mitsuba's parser state, a name to show, a digest, and the folders that its files are in.
+
+    variant: of Mitsuba, that it was parsed for.
+    """
 
     state: Any
     name: str
     digest: str
     folders: tuple[str, ...]
+    variant: str
 
 
 @contextmanager
@@ -59,7 +63,7 @@ def parse(source: str | Path | dict[str, Any]) -> Parsed:
         folders = tuple(str(resolver[i]) for i in range(len(resolver)))  # scenes add folders by <path>
         _guarded(lambda: mi.parser.transform_upgrade(config, state), name)
         _guarded(lambda: mi.parser.transform_resolve(config, state), name)
-        return Parsed(state, name, _digest(state, resolver), folders)
+        return Parsed(state, name, _digest(state, resolver), folders, mi.variant())
 
 
 def _reader(source: str | Path | dict[str, Any], config: Any) -> tuple[str, tuple[str, ...], Any]:
@@ -83,12 +87,8 @@ def _reader(source: str | Path | dict[str, Any], config: Any) -> tuple[str, tupl
 def instantiate(parsed: Parsed) -> Any:
     """The Mitsuba scene of a parsed one (merges meshes and equal materials, as Mitsuba does)."""
     mi = mitsuba()
-    config = mi.parser.ParserConfig(mi.variant())
     state = mi.parser.ParserState(parsed.state)  # the passes change it; the parsed form is kept as it was read
-    with _file_resolver(parsed.folders):
-        _guarded(lambda: mi.parser.transform_all(config, state), parsed.name)
-        made = _guarded(lambda: mi.parser.instantiate(config, state), parsed.name)
-    scene = made[0] if isinstance(made, (list, tuple)) else made
+    scene = _instantiate(parsed, state)
     if not isinstance(scene, mi.Scene):
         raise SceneError(f"{parsed.name}: the outermost element is no scene but {type(scene).__name__}")
     return scene
@@ -96,8 +96,19 @@ def instantiate(parsed: Parsed) -> Any:
 
 def load_part(parsed: Parsed, description: dict[str, Any]) -> Any:
     """A Mitsuba object that belongs to a parsed scene, from its dictionary."""
+    mi = mitsuba()
     with _file_resolver(parsed.folders):
-        return _guarded(lambda: mitsuba().load_dict(description), parsed.name)
+        state = _guarded(lambda: mi.parser.parse_dict(mi.parser.ParserConfig(mi.variant()), description), parsed.name)
+    return _instantiate(parsed, state)
+
+
+def _instantiate(parsed: Parsed, state: Any) -> Any:
+    mi = mitsuba()
+    config = mi.parser.ParserConfig(mi.variant())
+    with _file_resolver(parsed.folders):
+        _guarded(lambda: mi.parser.transform_all(config, state), parsed.name)
+        made = _guarded(lambda: mi.parser.instantiate(config, state), parsed.name)
+    return made[0] if isinstance(made, (list, tuple)) else made
 
 
 def _guarded(call: Any, what: str) -> Any:
