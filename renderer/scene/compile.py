@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from renderer.backend import using, variant_for
 from renderer.scene import rewrite
-from renderer.scene.requirements import Requirements, measure
+from renderer.scene.limits import SceneLimits
+from renderer.scene.requirements import Requirements, measure, refuse_unsupported
 from renderer.scene.source import Parsed, instantiate, load_part, parse
 from renderer.settings import UNLIMITED_DEPTH, Settings
 
@@ -109,19 +110,24 @@ class Scene:
         return _make_sensor(self._parsed, self.mitsuba_scene, self.width // divisor, self.height // divisor)[0]
 
 
-def load_scene(source: str | Path | dict[str, Any], *, settings: Settings | None = None) -> Scene:
-    """Loads an .xml file, a Mitsuba dictionary or a gallery name.
+def load_scene(
+    source: str | Path | dict[str, Any], *, settings: Settings | None = None, limits: SceneLimits | None = None
+) -> Scene:
+    """Loads an .xml, .zip or .json file, a Mitsuba dictionary or a gallery name.
 
-    settings: only width, height and colour matter here. Raises SceneError (or UnsupportedScene) with place and cause.
+    settings: only width, height and colour matter here. limits: `UNTRUSTED` for what strangers send. Raises SceneError
+    (or UnsupportedScene) with place and cause.
     """
-    asked = settings or Settings()
-    parsed = parse(source)
+    return load_parsed(source, parse(source, limits), settings or Settings())
+
+
+def load_parsed(source: str | Path | dict[str, Any], parsed: Parsed, asked: Settings) -> Scene:
+    """Loads what was parsed from a source. Raises as `load_scene` does."""
     requirements = measure(parsed)
+    refuse_unsupported(requirements)
     rewrite.sensor_dict(parsed.state, asked.width, asked.height)  # refuses bad sizes before anything is loaded
     variant = variant_for(asked.colour, requirements.is_coloured)
     with using(variant):
-        if variant != parsed.variant:
-            parsed = replace(parse(source), digest=parsed.digest)  # contents are the same, whatever the variant
         rewrite.neutralise_integrators(parsed.state)
         made = instantiate(parsed)
         sensor, width, height = _make_sensor(parsed, made, asked.width, asked.height)
