@@ -51,7 +51,7 @@ class Cone:
         x, y = self.frame
         sin_2 = np.square(d @ x) + np.square(d @ y)
         cos = d @ self.axis
-        drop = np.where(cos > 0, sin_2 / (1 + np.sqrt(np.maximum(1 - sin_2, 0))), 1 - cos)
+        drop = np.where(cos > 0.5, sin_2 / (1 + np.sqrt(np.maximum(1 - sin_2, 0))), 1 - cos)
         row = np.floor(drop / self.one_minus_cos * ROWS).astype(np.int64)
         column = np.floor(np.arctan2(d @ y, d @ x) / (2 * np.pi) % 1 * COLUMNS).astype(np.int64)
         return np.where((row >= 0) & (row < ROWS), row * COLUMNS + np.clip(column, 0, COLUMNS - 1), ROWS * COLUMNS)
