@@ -21,6 +21,9 @@ from renderer.backend import mitsuba
 mi: Any = mitsuba()
 
 UNIFORM_SHARE = 0.2  # of the choice among finite lights
+# Among few lights power says little (a spot shines elsewhere, a dim lamp is near): a light chosen too seldom costs
+# fireflies, and halving the chance of the others costs next to nothing.
+FEW_LIGHTS, UNIFORM_SHARE_OF_FEW = 8, 0.5
 POWER_SAMPLES = 1024
 ON_SURFACE = 0.9998  # (radius / distance)² from which a point counts as lying on a sphere
 # Shapes whose surface Mitsuba cannot sample: light on them is found by direction sampling alone.
@@ -171,7 +174,8 @@ def choice_probabilities(emitters: list[Any]) -> NDArray[np.float64]:
         known = np.where(np.isnan(finite), np.nanmean(finite) if np.isfinite(finite).any() else 1.0, finite)
         lit = known > 0
         if lit.any():
-            mixed = UNIFORM_SHARE * lit / lit.sum() + (1 - UNIFORM_SHARE) * known / known.sum()
+            share = UNIFORM_SHARE_OF_FEW if lit.sum() <= FEW_LIGHTS else UNIFORM_SHARE
+            mixed = share * lit / lit.sum() + (1 - share) * known / known.sum()
             probability[~infinite] = mixed / shares
     total = probability.sum()
     return probability / total if total > 0 else probability
