@@ -42,7 +42,8 @@ class Model:
 
     technique: see `Settings`. max_depth: −1 = unlimited. rr_depth: vertices before roulette.
     has_sampleable_emitters: whether emitter sampling can find anything. hide_emitters: lights unseen by the camera.
-    has_lens: whether the camera has an aperture. stratified: Owen-scrambled points, else independent ones.
+    has_lens: whether the camera has an aperture. splits_lobes: see `Directions`.
+    stratified: Owen-scrambled points, else independent ones.
     """
 
     technique: str
@@ -52,6 +53,7 @@ class Model:
     has_sampleable_emitters: bool = True
     hide_emitters: bool = False
     has_lens: bool = True
+    splits_lobes: bool = False
     has_roulette: bool = True
     stratified: bool = True
 
@@ -70,7 +72,7 @@ class PathKernel:
         self.sensor = sensor
         self.model = model
         self.filter = PixelFilter(mi, sensor.film().rfilter())
-        self.directions = Directions(model.technique)
+        self.directions = Directions(model.technique, model.splits_lobes)
         self.emitters = EmitterSampler(scene)
         self.samples_emitters = model.samples_emitters and not self.emitters.is_empty
         # Sensors take positions relative to the crop window, of which `size` is the number of pixels.
@@ -196,9 +198,15 @@ class PathKernel:
                 ds, emitter_weight = self.emitters.sample(ref_em, sequence.point(index, vertex + EMITTER), active_em)
                 active_em &= ds.pdf != 0
                 wo = si.to_local(ds.d)
-                value, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
-                    ctx, si, wo, lobe_and_roulette.x, u_direction, active_next
-                )
+                if dr.hint(self.model.splits_lobes, mode="scalar"):
+                    value, pdf = self.directions.eval_pdf(bsdf, ctx, si, wo, active_next)
+                    bs, bsdf_weight = self.directions.sample(
+                        bsdf, ctx, si, lobe_and_roulette.x, u_direction, active_next
+                    )
+                else:
+                    value, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
+                        ctx, si, wo, lobe_and_roulette.x, u_direction, active_next
+                    )
                 weight_em = mi.Float(1)
                 if dr.hint(self.model.technique == "mis", mode="scalar"):
                     weight_em = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))

@@ -91,6 +91,7 @@ class Scene:
             has_sampleable_emitters=bool(needs.emitters),
             hide_emitters=needs.hide_emitters,
             has_lens=self.sensor.needs_aperture_sample(),
+            splits_lobes="blendbsdf" in needs.bsdfs and needs.has_delta,
         )
         if model not in self._kernels:
             with using(self.variant):
