@@ -34,7 +34,7 @@ class EmitterSampler:
     """Samples the emitters of one scene. `is_empty` where there is nothing to sample."""
 
     def __init__(self, scene: Any) -> None:
-        emitters = [e for e in scene.emitters() if _is_sampleable(e)]
+        emitters = [e for e in scene.emitters() if is_sampleable(e)]
         self.is_empty = not emitters
         if self.is_empty:
             return
@@ -197,7 +197,8 @@ def _power(emitter: Any) -> float:
     return max(mean, 0.0)
 
 
-def _is_sampleable(emitter: Any) -> bool:
+def is_sampleable(emitter: Any) -> bool:
+    """Whether emitter sampling can find an emitter: not on shapes whose surface Mitsuba cannot sample."""
     shape = emitter.get_shape()
     return shape is None or shape.class_name() not in _UNSAMPLEABLE
 

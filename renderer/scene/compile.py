@@ -98,6 +98,14 @@ class Scene:
                 self._kernels[model] = PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)
         return self._kernels[model]
 
+    def cannot_see(self, settings: Settings) -> tuple[str, ...]:
+        """What the technique of resolved settings cannot find: "point light 'lamp'"."""
+        from renderer.equation.reach import cannot_see
+
+        depth = settings.max_depth if settings.max_depth is not None else UNLIMITED_DEPTH
+        with using(self.variant):
+            return cannot_see(settings.technique, self.mitsuba_scene, depth)
+
     def _camera(self) -> Any:
         """The sensor as the kernel uses it: on the smallest film of the same shape.
 
