@@ -254,7 +254,7 @@ class PathKernel:
             # ------------------------------ Next sample ------------------------------
 
             ended = active & ~active_next
-            rgb = self._to_rgb(radiance, wavelengths)
+            rgb = self.to_rgb(radiance, wavelengths)
             is_finite = dr.all(dr.isfinite(rgb))
             total[ended & is_finite] = total + rgb
             invalid[ended & ~is_finite] = invalid + 1
@@ -267,7 +267,7 @@ class PathKernel:
         return dr.select(valid > 0, total / valid, 0), invalid
 
     @staticmethod
-    def _to_rgb(radiance: Any, wavelengths: Any) -> Any:
+    def to_rgb(radiance: Any, wavelengths: Any) -> Any:
         """Linear sRGB of a radiance sample."""
         if mi.is_monochromatic:
             return mi.Color3f(radiance.x)

@@ -67,7 +67,7 @@ def _named(emitters: list[Any]) -> tuple[str, ...]:
 
 def _kind(emitter: Any) -> str:
     shape = emitter.get_shape()
-    kind = _KINDS.get(emitter.class_name(), emitter.class_name())
+    kind = _KINDS.get(str(emitter.class_name()), str(emitter.class_name()))
     return kind if shape is None or is_sampleable(emitter) else f"{kind} on a {shape.class_name()}"
 
 
@@ -75,4 +75,4 @@ def _name(emitter: Any) -> str:
     """Its shape's id, or its own; Mitsuba's made-up ones begin with an underscore."""
     shape = emitter.get_shape()
     ids = [shape.id() if shape is not None else "", emitter.id()]
-    return next((i for i in ids if i and not i.startswith("_")), "")
+    return next((str(i) for i in ids if i and not i.startswith("_")), "")

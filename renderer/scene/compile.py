@@ -15,6 +15,9 @@ from renderer.scene.source import Parsed, instantiate, load_part, parse
 from renderer.settings import UNLIMITED_DEPTH, Settings
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from renderer.equation.path import PathKernel
 
 # Sensors whose rays depend on the film's aspect ratio alone.
@@ -97,6 +100,12 @@ class Scene:
             with using(self.variant):
                 self._kernels[model] = PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)
         return self._kernels[model]
+
+    def channels(self, settings: Settings, names: tuple[str, ...]) -> dict[str, NDArray[np.float32]]:
+        """What lies behind each pixel, by name: see `renderer.equation.channels`. settings: resolved ones."""
+        from renderer.equation.channels import render_channels
+
+        return render_channels(self.kernel(settings), names, self.width, self.height, settings.seed)
 
     def cannot_see(self, settings: Settings) -> tuple[str, ...]:
         """What the technique of resolved settings cannot find: "point light 'lamp'"."""

@@ -50,10 +50,11 @@ def test_no_technique_sees_a_point_light_through_glass() -> None:
 
 
 def test_a_light_on_a_shape_that_cannot_be_sampled_is_not_seen_by_emitter_sampling() -> None:
+    signed_distance = np.stack([np.full((2, 2, 1), -0.1), np.full((2, 2, 1), 0.1)]).astype(np.float32)
     glow = {
         "glow": {
             "type": "sdfgrid",
-            "grid": mitsuba().TensorXf(np.full((2, 2, 2, 1), -0.1, np.float32)),
+            "grid": mitsuba().TensorXf(signed_distance),
             "emitter": {"type": "area", "radiance": 1.0},
         }
     }
