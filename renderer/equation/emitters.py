@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
+from renderer.equation.collimated import CollimatedLights, is_collimated
 
 mi: Any = mitsuba()
 
@@ -63,6 +64,7 @@ class EmitterSampler:
                 if sphere is not None:
                     table[i] = sphere
             self.sphere_by_id = mi.Float(table.ravel())
+        self.collimated = CollimatedLights(emitters, ids)
 
     def sample(self, ref: Any, u: Any, active: Any) -> tuple[Any, Any]:
         """A point on a light as seen from `ref`, visibility not tested. Returns (DirectionSample3f, radiance / pdf)."""
@@ -82,6 +84,8 @@ class EmitterSampler:
             for name in ("p", "n", "d", "dist", "pdf"):
                 setattr(ds, name, dr.select(is_sphere, getattr(ds_sphere, name), getattr(ds, name)))
             weight = dr.select(is_sphere, weight_sphere, weight)
+        if not self.collimated.is_empty:
+            ds, weight = self.collimated.sample(ref, emitter, ds, weight, active)
         ds.pdf *= pmf
         return ds, weight / pmf
 
@@ -200,6 +204,8 @@ def _power(emitter: Any) -> float:
 def is_sampleable(emitter: Any) -> bool:
     """Whether emitter sampling can find an emitter: not on shapes whose surface Mitsuba cannot sample."""
     shape = emitter.get_shape()
+    if emitter.class_name() == "DirectionalArea":
+        return is_collimated(emitter)
     return shape is None or shape.class_name() not in _UNSAMPLEABLE
 
 
