@@ -1,4 +1,5 @@
 /** Requests to the service. All addresses are relative to the page, and every call takes an AbortSignal. */
+import type { FrameRequest } from '../frame/puller';
 import { Problem, problemFrom } from './problem';
 import type { GalleryScene, Job, PixelReading, Submission, UploadedScene } from './types';
 
@@ -45,12 +46,11 @@ export const readPixel = (id: string, x: number, y: number, signal?: AbortSignal
 
 /** Newest frame after `after`, or null when there is none. The browser undoes the content encoding. */
 export async function fetchFrame(
-  id: string,
-  after: number,
-  reduce: 1 | 2,
+  { jobId, after, reduce, hasMaps }: FrameRequest,
   signal: AbortSignal,
 ): Promise<ArrayBuffer | null> {
-  const response = await fetch(`${jobPath(id)}/frames/latest?after=${after}&scale=${reduce}`, { signal });
+  const maps = hasMaps ? '&maps=1' : '';
+  const response = await fetch(`${jobPath(jobId)}/frames/latest?after=${after}&scale=${reduce}${maps}`, { signal });
   if (response.status === 204) return null;
   if (!response.ok) throw problemFrom(response.status, await response.text());
   return await response.arrayBuffer();

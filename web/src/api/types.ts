@@ -4,10 +4,14 @@ export type JobState = 'queued' | 'running' | 'paused' | 'succeeded' | 'failed' 
 export type StoppedBy = 'error' | 'seconds' | 'spp' | 'cancelled';
 export type Technique = 'uniform' | 'cosine' | 'bsdf' | 'emitter' | 'mis';
 
+/** x, y, width, height in image pixels. */
+export type Region = [number, number, number, number];
+
 export interface Target {
   error?: number | null;
   seconds?: number | null;
   spp?: number | null;
+  region?: Region | null;
 }
 
 export interface Settings {

@@ -7,6 +7,7 @@ interface Request {
   jobId: string;
   after: number;
   reduce: number;
+  hasMaps: boolean;
   signal: AbortSignal;
   answer: (frame: Frame | null) => void;
   fail: (cause: Error) => void;
@@ -27,8 +28,7 @@ beforeEach(() => {
   clock = 0;
   puller = new FramePuller({
     source: {
-      pull: (jobId, after, reduce, signal) =>
-        new Promise((answer, fail) => requests.push({ jobId, after, reduce, signal, answer, fail })),
+      pull: (request, signal) => new Promise((answer, fail) => requests.push({ ...request, signal, answer, fail })),
     },
     onFrame: (jobId, { header }) => shown.push(`${jobId}:${header.seq}`),
     onFailure: (jobId) => shown.push(`${jobId}:failed`),
@@ -97,4 +97,21 @@ it('an empty answer is not asked for again', async () => {
   requests[0].answer(null);
   await settle();
   expect(requests).toHaveLength(1);
+});
+
+it('asks for the same frame again once maps are wanted, and only once', async () => {
+  puller.select('a');
+  puller.wantMaps(true);
+  expect(requests).toHaveLength(0);
+  puller.wantMaps(false);
+  puller.announce('a', 3, true);
+  requests[0].answer(frame(3));
+  await settle();
+  puller.wantMaps(true);
+  expect(requests[1]).toMatchObject({ after: 0, hasMaps: true });
+  requests[1].answer(frame(3));
+  await settle();
+  puller.wantMaps(false);
+  puller.wantMaps(true);
+  expect(requests).toHaveLength(2);
 });
