@@ -13,8 +13,9 @@ from fastapi import FastAPI
 
 from service import errors, openapi
 from service.context import Service
+from service.headers import SecurityHeaders
 from service.page import Page
-from service.routes import events, frames, gallery, health, jobs, scenes
+from service.routes import docs, events, frames, gallery, health, jobs, scenes
 from service.settings import ServiceSettings
 
 API_VERSION = "1"
@@ -37,13 +38,14 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         summary="Monte Carlo rendering that answers with error bars",
         version=API_VERSION,
         lifespan=lifespan,
-        docs_url="/docs",
+        docs_url=None,
         redoc_url=None,
         openapi_url="/api/openapi.json",
     )
     errors.install(app)
     app.add_middleware(errors.RequestGuard, max_body_bytes=settings.max_body_bytes)
-    for module in (gallery, scenes, jobs, frames, events, health):
+    app.add_middleware(SecurityHeaders)
+    for module in (gallery, scenes, jobs, frames, events, health, docs):
         app.include_router(module.router)
     app.mount("/", Page(settings.static_dir), name="page")
     app.openapi = functools.partial(openapi.describe, app)

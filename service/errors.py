@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.messages import FieldError, Problem
 from service.states import IllegalStep
-from service.store import JobNotFound
+from service.store import JobNotFound, KeyUsedOtherwise, StillRunning
 
 MEDIA_TYPE = "application/problem+json"
 log = structlog.get_logger("service.errors")
@@ -108,6 +108,12 @@ async def _on_illegal_step(_request: Request, error: Exception) -> JSONResponse:
     return answer(ProblemError(409, "wrong-state", "The job is in another state", detail).problem)
 
 
+async def _on_key_used_otherwise(_request: Request, error: Exception) -> JSONResponse:
+    detail = f"{error}.".capitalize()
+    errors = [FieldError(field="Idempotency-Key", message=detail)]
+    return answer(ProblemError(422, "idempotency-key-reused", "The key was used before", detail, errors).problem)
+
+
 async def _on_bug(request: Request, error: Exception) -> JSONResponse:
     log.error("request failed", method=request.method, path=request.url.path, exc_info=error)
     detail = "The service made a mistake; its log says more. Trying again may help."
@@ -121,6 +127,8 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(JobNotFound, _on_missing_job)
     app.add_exception_handler(IllegalStep, _on_illegal_step)
+    app.add_exception_handler(StillRunning, _on_illegal_step)
+    app.add_exception_handler(KeyUsedOtherwise, _on_key_used_otherwise)
     app.add_exception_handler(Exception, _on_bug)
 
 

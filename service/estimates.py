@@ -68,11 +68,18 @@ class EstimateFiles:
         for path in sorted((self.folder / job_id).glob("[0-9]*.exr"))[:-_KEPT_ESTIMATES]:
             path.unlink(missing_ok=True)
 
+    def remove(self, job_id: str) -> None:
+        """Remove all saved estimates of a job."""
+        shutil.rmtree(self.folder / job_id, ignore_errors=True)
+
     def sweep(self, checkpoints: Mapping[str, str | None]) -> None:
         """Remove files that no job names: a crash between writing and recording leaves them."""
         for path in self.folder.glob("*/*"):
             if path.is_file() and checkpoints.get(path.parent.name) != f"{path.parent.name}/{path.name}":
                 path.unlink(missing_ok=True)
+        for folder in self.folder.iterdir():
+            if folder.is_dir() and folder.name not in checkpoints:
+                shutil.rmtree(folder, ignore_errors=True)
 
     def remove_displays(self) -> None:
         """Free the shared memory."""

@@ -34,7 +34,7 @@ class Subscription:
             self.close()
             return
         # What was known before the transition is not news after it.
-        self._progress.pop(event.job.id, None)
+        self._progress.pop(event.job_id, None)
         self._transitions.append(event)
         self._news.set()
 
@@ -48,10 +48,14 @@ class Subscription:
         self._is_closed = True
         self._news.set()
 
-    async def news(self) -> AsyncIterator[EventRecord | ProgressMessage]:
-        """All that comes, until the subscription is closed."""
+    async def news(self, silence_seconds: float) -> AsyncIterator[EventRecord | ProgressMessage | None]:
+        """All that comes, until the subscription is closed; None after every `silence_seconds` without news."""
         while not self._is_closed:
-            await self._news.wait()
+            try:
+                await asyncio.wait_for(self._news.wait(), silence_seconds)
+            except TimeoutError:
+                yield None
+                continue
             self._news.clear()
             while (self._transitions or self._progress) and not self._is_closed:
                 if self._transitions:

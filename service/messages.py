@@ -65,6 +65,13 @@ class JobRequest(_Request):
     scene: SceneChoice
     target: TargetRequest
     settings: SettingsRequest = Field(default_factory=SettingsRequest)
+    priority: int = Field(default=0, ge=-9, le=9, description="among one's own jobs; higher goes first")
+
+
+class ContinueRequest(_Request):
+    """A job that has ended is to go on, with a new target."""
+
+    target: TargetRequest
 
 
 class SceneName(BaseModel):
@@ -139,6 +146,7 @@ class Job(BaseModel):
     state: State
     target: Target
     settings: Settings
+    priority: int
     created_at: str
     started_at: str | None
     finished_at: str | None
@@ -149,6 +157,7 @@ class Job(BaseModel):
     frame_seq: int
     stopped_by: StoppedBy | None
     queue_position: int | None = Field(description="1 = next; null unless queued")
+    expected_start: str | None = Field(description="estimated; null unless queued, or while it cannot be told")
     forecast: Forecast | None
     share_within: float | None
     share_trusted: float | None
@@ -157,8 +166,9 @@ class Job(BaseModel):
     warnings: list[str]
 
     @classmethod
-    def of(cls, job: JobRecord, *, queue_position: int | None = None) -> Self:
+    def of(cls, job: JobRecord, *, queue_position: int | None = None, expected_start: str | None = None) -> Self:
         """The message for a stored job."""
+        is_queued = job.state is State.QUEUED
         return cls.model_validate(
             {
                 **{name: getattr(job, name) for name in _COPIED},
@@ -169,14 +179,15 @@ class Job(BaseModel):
                     "name": job.scene_name,
                 },
                 "curve": list(job.curve),
-                "queue_position": queue_position if job.state is State.QUEUED else None,
+                "queue_position": queue_position if is_queued else None,
+                "expected_start": expected_start if is_queued else None,
                 "warnings": list(job.warnings),
             }
         )
 
 
 _COPIED = (
-    *("id", "name", "state", "target", "settings", "created_at", "started_at", "finished_at"),
+    *("id", "name", "state", "target", "settings", "priority", "created_at", "started_at", "finished_at"),
     *("stopped_by", "cause"),
 )
 
@@ -251,6 +262,18 @@ class Hello(BaseModel):
 
     server: str
     last_event_id: int
+
+
+class Deleted(BaseModel):
+    """A job is gone, with its pictures."""
+
+    id: str
+
+
+class Ping(BaseModel):
+    """Nothing happened, and the connection is well."""
+
+    at: str
 
 
 class FrameHeader(BaseModel):

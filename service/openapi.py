@@ -12,9 +12,9 @@ from fastapi.openapi.utils import get_openapi
 from pydantic.json_schema import models_json_schema
 
 from service.errors import MEDIA_TYPE
-from service.messages import FrameHeader, Hello, Job, Problem, ProgressMessage
+from service.messages import Deleted, FrameHeader, Hello, Job, Ping, Problem, ProgressMessage
 
-_UNSEEN = (Problem, Hello, Job, ProgressMessage, FrameHeader)
+_UNSEEN = (Problem, Hello, Job, Deleted, ProgressMessage, Ping, FrameHeader)
 _PROBLEM = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
 
 

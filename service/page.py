@@ -8,15 +8,14 @@ from starlette.responses import HTMLResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-_NOT_BUILT = """<!doctype html>
-<html lang="en"><meta charset="utf-8"><title>Fredholm</title>
-<style>body{font:15px/1.5 system-ui;background:#161616;color:#e6e6e6;
-  max-width:40em;margin:4em auto;padding:0 1em}
-a{color:#5aa9ff}code{background:#2a2a2a;padding:.1em .3em}</style>
-<h1>The service runs, its page is not built</h1>
+from service.reference import page
+
+_NOT_BUILT = page(
+    "Fredholm",
+    """<h1>The service runs, its page is not built</h1>
 <p>Run <code>make run</code> in the project's folder: it builds the page and starts the service.
-The API works without it: see <a href="docs">its documentation</a>.</p></html>
-"""
+The API works without it: see <a href="docs">its documentation</a>.</p>""",
+)
 
 
 class Page(StaticFiles):

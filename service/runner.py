@@ -10,12 +10,13 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Literal
 
 import structlog
 
-from service.dispatch import Candidate, next_job
+from service.dispatch import Candidate, next_job, seconds_left, seconds_until_start
 from service.engine import worker
 from service.engine.local import LocalEngine, Lost
 from service.engine.turn import Failure, Saved, Turn, TurnResult
@@ -23,13 +24,16 @@ from service.estimates import EstimateFiles
 from service.hub import Hub
 from service.messages import ProgressMessage
 from service.settings import ServiceSettings
-from service.states import Step
+from service.states import IllegalStep, State, Step
 from service.store import JobRecord, JobStore, Progress
+from service.store.records import iso
 
 # Frames after the last saved one are forgotten when the server dies; their numbers must not come again.
 _SEQ_GAP = 1000
 _CURVE_LIMIT = 400
 _STOP_SECONDS = 1.2  # whoever presses Ctrl-C waits for this; what is not saved by then is rendered again
+_TOLD_SECONDS = 7 * 86400.0
+_NOT_RUNNING = frozenset({*State} - {State.RUNNING})
 
 
 @dataclass(slots=True)
@@ -44,7 +48,7 @@ class LiveJob:
     seq: int
     has_picture: bool
     last_turn: int = 0
-    wants_cancel: bool = False
+    wish: Literal[Step.PAUSE, Step.CANCEL] | None = None
     wants_save: bool = False
     changed: asyncio.Event = field(default_factory=asyncio.Event)
 
@@ -87,17 +91,54 @@ class Runner:
         """Something was queued."""
         self._wake.set()
 
+    def expected_start(self, queue_position: int | None) -> str | None:
+        """About when a queued job will start, ISO 8601 in UTC; None while it cannot be told."""
+        if queue_position is None:
+            return None
+        remaining = [_seconds_left(live) for live in self._live.values()]
+        seconds = seconds_until_start(queue_position, remaining, self._settings.max_running_jobs)
+        if seconds is None or seconds > _TOLD_SECONDS:
+            return None
+        return iso(datetime.now(UTC) + timedelta(seconds=seconds))
+
     async def cancel(self, job_id: str) -> None:
         """End a job and keep its picture. Returns once it has ended. Raises JobNotFound, IllegalStep."""
-        live = self._live.get(job_id)
-        if live is None:
-            await asyncio.to_thread(self._store.move, job_id, Step.CANCEL, stopped_by="cancelled")
-            await self._hub.tell_transitions()
-            return
-        live.wants_cancel = True
+        await self._leave_or_move(job_id, Step.CANCEL, stopped_by="cancelled")
+
+    async def pause(self, job_id: str) -> None:
+        """Take a job from the renderer until it is resumed. Raises JobNotFound, IllegalStep."""
+        await self._leave_or_move(job_id, Step.PAUSE)
+
+    async def move(self, job_id: str, step: Step, **changes: Any) -> None:
+        """A step of a job that does not run. Raises JobNotFound, IllegalStep."""
+        await asyncio.to_thread(self._store.move, job_id, step, **changes)
+        await self._hub.tell_transitions()
         self._wake.set()
-        while self._live.get(job_id) is live and not self._is_stopping:
-            await live.changed.wait()
+
+    async def delete(self, job_id: str) -> None:
+        """Forget a job and its files. Raises JobNotFound, StillRunning."""
+        await asyncio.to_thread(self._store.delete, job_id)
+        await self._hub.tell_transitions()
+        await asyncio.to_thread(self._files.remove, job_id)
+
+    async def _leave_or_move(self, job_id: str, step: Literal[Step.PAUSE, Step.CANCEL], **changes: Any) -> None:
+        while True:
+            if (live := self._live.get(job_id)) is not None:
+                live.wish = step if live.wish is not Step.CANCEL else Step.CANCEL
+                self._wake.set()
+                while self._live.get(job_id) is live and not self._is_stopping:
+                    await live.changed.wait()
+                return
+            try:
+                await asyncio.to_thread(self._store.move, job_id, step, only_from=_NOT_RUNNING, **changes)
+            except IllegalStep as error:
+                if error.state is not State.RUNNING:
+                    raise
+                # It was claimed this very moment: it will be among the live ones in the next.
+                await asyncio.sleep(0.02)
+            else:
+                await self._hub.tell_transitions()
+                return
 
     async def save_now(self, job_id: str) -> None:
         """Have a running job's estimate saved with its next turn, and wait for that."""
@@ -160,8 +201,8 @@ class Runner:
         """Let the next job have its turn, or wait until there is one."""
         self._wake.clear()
         for live in self.live_jobs():
-            if live.wants_cancel:
-                await self._cancel(live)
+            if live.wish is not None:
+                await self._leave(live, live.wish)
         if len(self._live) < self._settings.max_running_jobs:
             await self._claim()
         candidates = (
@@ -238,12 +279,13 @@ class Runner:
         await asyncio.to_thread(self._store.save, live.record, saved.progress, curve, saved.name)
         await asyncio.to_thread(self._files.prune, live.record.id)
 
-    async def _cancel(self, live: LiveJob) -> None:
+    async def _leave(self, live: LiveJob, step: Literal[Step.PAUSE, Step.CANCEL]) -> None:
+        """Take a job from the renderer with all that was rendered."""
         try:
             _absorb(live, await self._engine.submit(worker.retire, self._turn(live), deadline=10.0))
         except Lost:
-            self._log.warning("cancelled job keeps its last saved picture only", job=live.record.id)
-        await self._end(live, Step.CANCEL, stopped_by="cancelled")
+            self._log.warning("job keeps its last saved picture only", job=live.record.id, step=step.value)
+        await self._end(live, step, **({"stopped_by": "cancelled"} if step is Step.CANCEL else {}))
 
     async def _start_again(self, live: LiveJob, why: str) -> None:
         """After a crash: the same job from its last saved estimate, unless it is to blame too often."""
@@ -265,13 +307,13 @@ class Runner:
         await self._end(live, Step.FAIL, cause=cause)
 
     async def _end(self, live: LiveJob, step: Step, **changes: Any) -> None:
-        """Record the end of a job with all that is known of it, and let go of it."""
+        """Record that a job runs no longer, with all that is known of it, and let go of it."""
         record = live.record
         changes |= {"progress": live.progress, "curve": live.curve, "checkpoint": live.checkpoint}
         ended = await asyncio.to_thread(self._store.move, record.id, step, warnings=list(record.warnings), **changes)
         del self._live[record.id]
         self._log.info(
-            "job ended",
+            "job left the renderer",
             job=record.id,
             state=ended.state.value,
             stopped_by=ended.stopped_by,
@@ -300,6 +342,12 @@ def _absorb(live: LiveJob, result: TurnResult) -> None:
         # The convergence chart is logarithmic: of the older points every other one is enough.
         half = len(live.curve) // 2
         live.curve = live.curve[:half:2] + live.curve[half:]
+
+
+def _seconds_left(live: LiveJob) -> float | None:
+    told = live.progress.forecast
+    forecast = told.get("seconds_left") if told else None
+    return seconds_left(live.record.target, live.progress.seconds, live.progress.spp, forecast)
 
 
 def _notify(live: LiveJob) -> None:

@@ -47,6 +47,8 @@ class ServiceSettings(BaseSettings):
     crash_limit: int = Field(default=3, ge=1, description="render processes a job may crash before it fails")
     warm_up: bool = Field(default=True, description="compile a small scene at start: the first picture comes sooner")
 
+    ping_seconds: float = Field(default=15.0, gt=0, description="silence after which a stream says that it is well")
+
     log_json: bool = Field(default=False, description="one JSON object per line instead of text")
     log_level: str = Field(default="info", pattern="^(debug|info|warning|error)$")
 

@@ -44,6 +44,23 @@ TRANSITIONS: dict[tuple[State, Step], State] = {
     (State.PAUSED, Step.RESUME): State.QUEUED,
     (State.PAUSED, Step.CANCEL): State.CANCELLED,
     (State.SUCCEEDED, Step.CONTINUE): State.QUEUED,
+    # Its estimate was kept, so it may go on too.
+    (State.CANCELLED, Step.CONTINUE): State.QUEUED,
+}
+
+# A running job is cancelled first: then nothing writes to what is deleted.
+DELETABLE = frozenset({*State} - {State.RUNNING})
+
+
+_DONE_TO_IT = {
+    Step.START: "started",
+    Step.GIVE_BACK: "given back",
+    Step.FINISH: "finished",
+    Step.FAIL: "failed",
+    Step.CANCEL: "cancelled",
+    Step.PAUSE: "paused",
+    Step.RESUME: "resumed",
+    Step.CONTINUE: "continued",
 }
 
 
@@ -53,7 +70,8 @@ class IllegalStep(Exception):
     def __init__(self, state: State, step: Step) -> None:
         self.state = state
         self.step = step
-        super().__init__(f"a job that is {state} cannot {step}; that needs one that is {' or '.join(sources(step))}")
+        needed = " or ".join(sources(step))
+        super().__init__(f"a job that is {state} cannot be {_DONE_TO_IT[step]}; that needs one that is {needed}")
 
 
 def after(state: State, step: Step) -> State:

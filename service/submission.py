@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
+from typing import Any
+
 from renderer.errors import SceneError
 from renderer.scene import gallery
 from service.errors import ProblemError, refused
-from service.messages import JobRequest
+from service.messages import ContinueRequest, JobRequest
 from service.settings import ServiceSettings
-from service.store import JobStore, NewJob, SceneStore
+from service.states import Step, after
+from service.store import JobRecord, JobStore, NewJob, SceneStore
 
 
 def new_job(request: JobRequest, settings: ServiceSettings, scenes: SceneStore, jobs: JobStore) -> NewJob:
@@ -41,7 +45,28 @@ def new_job(request: JobRequest, settings: ServiceSettings, scenes: SceneStore, 
             f"{settings.max_pixels}; ask for a smaller picture",
         )
     resolved = request.settings.model_dump() | {"width": width, "height": height}
-    return NewJob(name, kind, reference, name, request.target.model_dump(), resolved, warnings)
+    return NewJob(
+        name, kind, reference, name, request.target.model_dump(), resolved, warnings, priority=request.priority
+    )
+
+
+def request_digest(request: JobRequest) -> str:
+    """Tells a repeated request from another one."""
+    return hashlib.sha256(request.model_dump_json().encode()).hexdigest()
+
+
+def check_continuation(job: JobRecord, request: ContinueRequest) -> dict[str, Any]:
+    """The target with which a job that has ended goes on. Raises IllegalStep, ProblemError."""
+    after(job.state, Step.CONTINUE)
+    target, reached = request.target, job.progress
+    if target.spp is not None and reached.spp >= target.spp:
+        raise refused("target.spp", f"{target.spp} are there already ({reached.spp:g}); ask for more")
+    if target.seconds is not None and reached.seconds >= target.seconds:
+        used = f"{reached.seconds:.1f} s of rendering are used already"
+        raise refused("target.seconds", f"{used}, and they count from the beginning; ask for more than that")
+    if target.error is not None and reached.error is not None and reached.error <= target.error:
+        raise refused("target.error", f"{reached.error:.4g} is reached already; ask for less than that")
+    return target.model_dump()
 
 
 def size_of(film: tuple[int, int], width: int | None, height: int | None) -> tuple[int, int]:

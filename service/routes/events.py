@@ -8,9 +8,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from service.context import ServiceContext
-from service.messages import Hello, Job, ProgressMessage
+from service.context import Service, ServiceContext
+from service.messages import Deleted, Hello, Job, Ping, ProgressMessage
 from service.store import EventRecord
+from service.store.records import now
 
 router = APIRouter(prefix="/api", tags=["events"])
 
@@ -23,7 +24,8 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
         "description": (
             "`hello` (data: Hello) opens every stream. `job` (data: Job) has an id and tells of a change "
-            "of state. `progress` (data: ProgressMessage) has none. A comment comes after 15 s of silence."
+            "of state. `deleted` (data: Deleted) has one too: the job is gone. `progress` (data: "
+            "ProgressMessage) has none. `ping` (data: Ping) comes after 15 s (FREDHOLM_PING_SECONDS) without others."
         ),
         "content": {
             "text/event-stream": {
@@ -31,13 +33,13 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
                     "type": "object",
                     "required": ["event", "data"],
                     "properties": {
-                        "event": {"enum": ["hello", "job", "progress"]},
+                        "event": {"enum": ["hello", "job", "deleted", "progress", "ping"]},
                         "id": {"type": "string"},
                         "retry": {"type": "integer"},
                         "data": {
                             "type": "string",
                             "contentMediaType": "application/json",
-                            "contentSchema": _schema("Hello", "Job", "ProgressMessage"),
+                            "contentSchema": _schema("Hello", "Job", "Deleted", "ProgressMessage", "Ping"),
                         },
                     },
                 }
@@ -63,17 +65,24 @@ async def events(
         yield ServerSentEvent(event="hello", data=hello, retry=1000, id=str(until) if after is None else None)
         if after is not None:
             async for event in hub.missed(after, until):
-                yield _transition(event)
+                yield _transition(service, event)
             for live in service.runner.live_jobs():
                 yield _progress(ProgressMessage.of(live.record, live.progress))
-        async for news in subscription.news():
-            yield _transition(news) if isinstance(news, EventRecord) else _progress(news)
+        async for news in subscription.news(service.settings.ping_seconds):
+            if news is None:
+                yield ServerSentEvent(event="ping", data=Ping(at=now()))
+            else:
+                yield _transition(service, news) if isinstance(news, EventRecord) else _progress(news)
     finally:
         hub.unsubscribe(subscription)
 
 
-def _transition(event: EventRecord) -> ServerSentEvent:
-    return ServerSentEvent(event="job", id=str(event.id), data=Job.of(event.job, queue_position=event.queue_position))
+def _transition(service: Service, event: EventRecord) -> ServerSentEvent:
+    if event.job is None:
+        return ServerSentEvent(event="deleted", id=str(event.id), data=Deleted(id=event.job_id))
+    place = event.queue_position
+    job = Job.of(event.job, queue_position=place, expected_start=service.runner.expected_start(place))
+    return ServerSentEvent(event="job", id=str(event.id), data=job)
 
 
 def _progress(progress: ProgressMessage) -> ServerSentEvent:

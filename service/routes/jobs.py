@@ -1,4 +1,4 @@
-"""Jobs: submit, list, get, cancel."""
+"""Jobs: submit, list, get, pause, resume, cancel, continue, delete."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import asyncio
 from dataclasses import replace
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Header, Query, Response
 
 from service.context import Service, ServiceContext
-from service.messages import Job, JobDetail, JobList, JobRequest
+from service.messages import ContinueRequest, Job, JobDetail, JobList, JobRequest
+from service.states import Step
 from service.store import JobRecord
-from service.submission import new_job
+from service.submission import check_continuation, new_job, request_digest
 
 router = APIRouter(prefix="/api/jobs", tags=["jobs"])
 
@@ -28,17 +29,35 @@ def detail_of(service: Service, job_id: str) -> JobDetail:
     """One job as it is now. Raises JobNotFound."""
     job = up_to_date(service, service.jobs.get(job_id))
     queue = service.jobs.queue()
-    return JobDetail.of(job, queue_position=queue.index(job_id) + 1 if job_id in queue else None)
+    place = queue.index(job_id) + 1 if job_id in queue else None
+    return JobDetail.of(job, queue_position=place, expected_start=service.runner.expected_start(place))
 
 
 @router.post("", status_code=201, responses={422: {}, 429: {}})
-async def submit_job(request: JobRequest, service: ServiceContext, response: Response) -> JobDetail:
+async def submit_job(
+    request: JobRequest,
+    service: ServiceContext,
+    response: Response,
+    idempotency_key: Annotated[
+        str | None,
+        Header(min_length=1, max_length=255, description="the same key again answers with the same job"),
+    ] = None,
+) -> JobDetail:
     """Queue a picture."""
-    new = await asyncio.to_thread(new_job, request, service.settings, service.scenes, service.jobs)
-    job = await asyncio.to_thread(service.jobs.add, new)
+    digest = request_digest(request) if idempotency_key else None
+    known = await asyncio.to_thread(service.jobs.submitted, "", idempotency_key, digest)
+    if known is None:
+        new = await asyncio.to_thread(new_job, request, service.settings, service.scenes, service.jobs)
+        new = replace(new, idempotency_key=idempotency_key, request_digest=digest)
+        job, is_new = await asyncio.to_thread(service.jobs.add, new)
+    else:
+        job, is_new = known, False
     answer = await asyncio.to_thread(detail_of, service, job.id)
-    await service.hub.tell_transitions()
-    service.runner.wake()
+    if is_new:
+        await service.hub.tell_transitions()
+        service.runner.wake()
+    else:
+        response.headers["Idempotency-Replayed"] = "true"
     response.headers["Location"] = f"/api/jobs/{job.id}"
     return answer
 
@@ -48,7 +67,8 @@ def list_jobs(service: ServiceContext, limit: Annotated[int, Query(ge=1, le=1000
     """The newest jobs, newest first, without their curves."""
     places = {job_id: place for place, job_id in enumerate(service.jobs.queue(), start=1)}
     jobs = [up_to_date(service, job) for job in service.jobs.newest(limit)]
-    return JobList(jobs=[Job.of(job, queue_position=places.get(job.id)) for job in jobs])
+    starts = {job.id: service.runner.expected_start(places.get(job.id)) for job in jobs}
+    return JobList(jobs=[Job.of(job, queue_position=places.get(job.id), expected_start=starts[job.id]) for job in jobs])
 
 
 @router.get("/{job_id}", responses={404: {}})
@@ -57,8 +77,39 @@ def get_job(job_id: str, service: ServiceContext) -> JobDetail:
     return detail_of(service, job_id)
 
 
+@router.delete("/{job_id}", status_code=204, responses={404: {}, 409: {}})
+async def delete_job(job_id: str, service: ServiceContext) -> Response:
+    """Forget a job that does not run, with its pictures."""
+    await service.runner.delete(job_id)
+    return Response(status_code=204)
+
+
+@router.post("/{job_id}/pause", responses={404: {}, 409: {}})
+async def pause_job(job_id: str, service: ServiceContext) -> JobDetail:
+    """Take a queued or running job from the renderer, with all that was rendered, until it is resumed."""
+    await service.runner.pause(job_id)
+    return await asyncio.to_thread(detail_of, service, job_id)
+
+
+@router.post("/{job_id}/resume", responses={404: {}, 409: {}})
+async def resume_job(job_id: str, service: ServiceContext) -> JobDetail:
+    """Queue a paused job again; it goes on where it was."""
+    await service.runner.move(job_id, Step.RESUME)
+    return await asyncio.to_thread(detail_of, service, job_id)
+
+
 @router.post("/{job_id}/cancel", responses={404: {}, 409: {}})
 async def cancel_job(job_id: str, service: ServiceContext) -> JobDetail:
     """End a job; its picture so far is kept."""
     await service.runner.cancel(job_id)
+    return await asyncio.to_thread(detail_of, service, job_id)
+
+
+@router.post("/{job_id}/continue", responses={404: {}, 409: {}, 422: {}})
+async def continue_job(job_id: str, request: ContinueRequest, service: ServiceContext) -> JobDetail:
+    """Queue a succeeded or cancelled job again with a new target; no sample is rendered twice."""
+    job = await asyncio.to_thread(service.jobs.get, job_id)
+    target = check_continuation(job, request)
+    changes = {"finished_at": None, "stopped_by": None, "crashes": 0}
+    await service.runner.move(job_id, Step.CONTINUE, target=target, **changes)
     return await asyncio.to_thread(detail_of, service, job_id)

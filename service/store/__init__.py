@@ -1,7 +1,7 @@
 """Truth that outlives processes: jobs, their transitions and scenes, in a database."""
 
 from service.store.database import Database
-from service.store.jobs import JobNotFound, JobStore
+from service.store.jobs import JobNotFound, JobStore, KeyUsedOtherwise, StillRunning
 from service.store.records import EventRecord, JobRecord, NewJob, Progress, SceneRecord
 from service.store.scenes import SceneStore
 
@@ -11,8 +11,10 @@ __all__ = [
     "JobNotFound",
     "JobRecord",
     "JobStore",
+    "KeyUsedOtherwise",
     "NewJob",
     "Progress",
     "SceneRecord",
     "SceneStore",
+    "StillRunning",
 ]

@@ -12,7 +12,7 @@ from typing import Any
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import make_url
 
-from service.store.schema import metadata
+from service.store.upgrade import upgrade
 
 
 def _on_connect(connection: Any, _record: Any) -> None:
@@ -52,9 +52,9 @@ class Database:
         return self._writing
 
     def create_tables(self) -> None:
-        """Create what is missing."""
+        """Create what is missing and bring older tables up to date."""
         with self.write() as connection:
-            metadata.create_all(connection)
+            upgrade(connection)
 
     @contextmanager
     def write(self) -> Iterator[Connection]:

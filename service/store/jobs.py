@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from sqlalchemy import Connection, func, insert, select, update
+from sqlalchemy import Connection, delete, func, insert, select, update
+from sqlalchemy.exc import IntegrityError
 
-from service.states import ENDED, IllegalStep, State, Step, destination, sources
+from service.states import DELETABLE, ENDED, IllegalStep, State, Step, destination, sources
 from service.store.database import Database
 from service.store.records import (
     EventRecord,
@@ -25,7 +26,7 @@ from service.store.schema import events, jobs
 
 _WITHOUT_CURVE = [column for column in jobs.columns if column.name != "curve"]
 # A job without any picture goes before one that has waited since a restart.
-_QUEUE_ORDER = (jobs.c.frame_seq > 0, jobs.c.number)
+_QUEUE_ORDER = (jobs.c.frame_seq > 0, jobs.c.priority.desc(), jobs.c.number)
 
 
 class JobNotFound(Exception):
@@ -35,14 +36,53 @@ class JobNotFound(Exception):
         super().__init__(f"there is no job {job_id!r}")
 
 
+class StillRunning(Exception):
+    """A running job cannot be deleted."""
+
+    def __init__(self) -> None:
+        super().__init__("a job that is running cannot be deleted; cancel it first")
+
+
+class KeyUsedOtherwise(Exception):
+    """An idempotency key came again with another request."""
+
+    def __init__(self) -> None:
+        super().__init__("this Idempotency-Key was used for another request; choose a new one for a new job")
+
+
 class JobStore:
     """Jobs and their events. Synchronous: call it from a thread."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def add(self, new: NewJob) -> JobRecord:
-        """Queue a job."""
+    def add(self, new: NewJob) -> tuple[JobRecord, bool]:
+        """Queue a job; with an idempotency key at most once. The job, and whether it is new.
+
+        Raises KeyUsedOtherwise.
+        """
+        try:
+            if found := self.submitted(new.client_id, new.idempotency_key, new.request_digest):
+                return found, False
+            return self._insert(new), True
+        except IntegrityError:
+            # Another request with the same key came in between.
+            if found := self.submitted(new.client_id, new.idempotency_key, new.request_digest):
+                return found, False
+            raise
+
+    def submitted(self, client_id: str, idempotency_key: str | None, request_digest: str | None) -> JobRecord | None:
+        """The job that a client has queued with this key, or None. Raises KeyUsedOtherwise."""
+        if idempotency_key is None:
+            return None
+        query = select(jobs).where(jobs.c.client_id == client_id, jobs.c.idempotency_key == idempotency_key)
+        with self._database.read() as connection:
+            row = connection.execute(query).mappings().first()
+        if row is not None and row["request_digest"] != request_digest:
+            raise KeyUsedOtherwise
+        return job_from(row) if row is not None else None
+
+    def _insert(self, new: NewJob) -> JobRecord:
         row = {**asdict(new), "id": secrets.token_hex(6), "state": State.QUEUED, "created_at": now()}
         row |= {"progress": asdict(Progress()), "curve": [], "warnings": list(new.warnings)}
         with self._database.write() as connection:
@@ -116,7 +156,20 @@ class JobStore:
             row = connection.execute(statement).mappings().first()
             return job_from(row) if row else _one(connection, job.id)
 
-    def move(self, job_id: str, step: Step, **changes: Any) -> JobRecord:
+    def delete(self, job_id: str) -> None:
+        """Forget a job; that it is gone is the last event of it. Raises JobNotFound, StillRunning."""
+        statement = delete(jobs).where(jobs.c.id == job_id, jobs.c.state.in_(DELETABLE)).returning(jobs.c.client_id)
+        with self._database.write() as connection:
+            row = connection.execute(statement).first()
+            if row is None:
+                _one(connection, job_id)
+                raise StillRunning
+            connection.execute(delete(events).where(events.c.job_id == job_id))
+            connection.execute(insert(events).values(job_id=job_id, client_id=row.client_id, at=now(), job=None))
+
+    def move(
+        self, job_id: str, step: Step, *, only_from: frozenset[State] = frozenset(State), **changes: Any
+    ) -> JobRecord:
         """Take a step, with further columns changed. Raises JobNotFound, IllegalStep."""
         to = destination(step)
         if to in ENDED:
@@ -125,7 +178,7 @@ class JobStore:
             changes |= {"progress": asdict(progress), "frame_seq": progress.frame_seq}
         statement = (
             update(jobs)
-            .where(jobs.c.id == job_id, jobs.c.state.in_(sources(step)))
+            .where(jobs.c.id == job_id, jobs.c.state.in_(only_from.intersection(sources(step))))
             .values(state=to, **changes)
             .returning(jobs)
         )
@@ -173,6 +226,7 @@ def _record(connection: Connection, job: JobRecord) -> JobRecord:
         position = list(connection.execute(queue).scalars()).index(job.id) + 1
     row = {
         "job_id": job.id,
+        "client_id": job.client_id,
         "at": now(),
         "queue_position": position,
         "job": job_as_json(replace(job, curve=())),

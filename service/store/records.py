@@ -13,7 +13,12 @@ from service.states import State
 
 def now() -> str:
     """This moment, ISO 8601 in UTC with milliseconds."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return iso(datetime.now(UTC))
+
+
+def iso(moment: datetime) -> str:
+    """A moment in UTC, ISO 8601 with milliseconds."""
+    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +47,10 @@ class NewJob:
     target: dict[str, Any]
     settings: dict[str, Any]
     warnings: tuple[str, ...] = ()
+    client_id: str = ""
+    priority: int = 0
+    idempotency_key: str | None = None
+    request_digest: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,16 +77,22 @@ class JobRecord:
     cause: dict[str, Any] | None
     warnings: tuple[str, ...]
     curve: tuple[dict[str, float], ...] = field(default=())
+    client_id: str = ""
+    priority: int = 0
+    request_digest: str | None = None
+    lease_owner: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class EventRecord:
-    """One transition: the job as it was right after it."""
+    """One transition: the job as it was right after it, or None once it was deleted."""
 
     id: int
+    job_id: str
+    client_id: str
     at: str
     queue_position: int | None
-    job: JobRecord
+    job: JobRecord | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +128,8 @@ def job_as_json(job: JobRecord) -> dict[str, Any]:
 
 def event_from(row: RowMapping) -> EventRecord:
     """A row of `events` as a value."""
-    return EventRecord(id=row["id"], at=row["at"], queue_position=row["queue_position"], job=job_from(row["job"]))
+    fields = {name: row[name] for name in ("id", "job_id", "client_id", "at", "queue_position")}
+    return EventRecord(**fields, job=job_from(row["job"]) if row["job"] else None)
 
 
 def scene_from(row: RowMapping) -> SceneRecord:

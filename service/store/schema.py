@@ -1,4 +1,7 @@
-"""The tables. Times are ISO 8601 text in UTC, so that rows read well and sort as time does."""
+"""The tables. Times are ISO 8601 text in UTC, so that rows read well and sort as time does.
+
+A change here needs a step in `migrations/versions`; a test compares the two.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,8 @@ jobs = Table(
     metadata,
     Column("number", Integer, primary_key=True, autoincrement=True),  # order of arrival
     Column("id", Text, nullable=False, unique=True),
+    Column("client_id", Text, nullable=False, server_default=""),  # whose job it is; "" where no keys are asked for
+    Column("priority", Integer, nullable=False, server_default="0"),  # among the client's own jobs
     Column("name", Text, nullable=False),
     Column("scene_kind", Text, nullable=False),  # gallery | upload
     Column("scene_ref", Text, nullable=False),  # gallery name | scenes.id
@@ -31,18 +36,28 @@ jobs = Table(
     Column("stopped_by", Text),
     Column("cause", JSON),
     Column("warnings", JSON, nullable=False),
+    # The server that runs it, and until when it may be silent before others take the job up.
+    Column("lease_owner", Text),
+    Column("lease_until", Text),
+    # A repeated submission with the same key finds the job of the first one.
+    Column("idempotency_key", Text),
+    Column("request_digest", Text),
     sqlite_autoincrement=True,
 )
 Index("jobs_by_state", jobs.c.state, jobs.c.number)
+Index("jobs_by_client", jobs.c.client_id, jobs.c.state)
+Index("jobs_by_idempotency_key", jobs.c.client_id, jobs.c.idempotency_key, unique=True)
 
 events = Table(
     "events",
     metadata,
     Column("id", Integer, primary_key=True, autoincrement=True),  # the id of the event stream
-    Column("job_id", Text, ForeignKey("jobs.id", ondelete="CASCADE"), nullable=False, index=True),
+    Column("job_id", Text, nullable=False),  # not a foreign key: that a job was deleted is an event too
+    Column("client_id", Text, nullable=False, server_default=""),
     Column("at", Text, nullable=False),
     Column("queue_position", Integer),
-    Column("job", JSON, nullable=False),  # the row as it was, without curve
+    Column("job", JSON),  # the row as it was, without curve; null: the job was deleted
+    Index("events_by_job", "job_id"),
     sqlite_autoincrement=True,
 )
 
@@ -57,4 +72,25 @@ scenes = Table(
     Column("digest", Text, nullable=False),
     Column("warnings", JSON, nullable=False),
     Column("created_at", Text, nullable=False),
+)
+
+# Who uploaded a scene, and under which name: the same content from two clients is stored once.
+scene_clients = Table(
+    "scene_clients",
+    metadata,
+    Column("scene_id", Text, ForeignKey("scenes.id", ondelete="CASCADE"), primary_key=True),
+    Column("client_id", Text, primary_key=True),
+    Column("name", Text, nullable=False),
+    Column("created_at", Text, nullable=False),
+)
+
+api_keys = Table(
+    "api_keys",
+    metadata,
+    Column("id", Text, primary_key=True),
+    Column("client", Text, nullable=False),  # whose key it is; several keys may be of one client
+    Column("role", Text, nullable=False),  # read | submit | admin
+    Column("digest", Text, nullable=False, unique=True),  # keyed digest of the key, which is stored nowhere
+    Column("created_at", Text, nullable=False),
+    Column("revoked_at", Text),
 )

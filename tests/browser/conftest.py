@@ -131,7 +131,8 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture
 def page(browser: Browser) -> Iterator[Page]:
     """A fresh page of 1440×900; errors in its scripts fail the test."""
-    context = browser.new_context(viewport={"width": 1440, "height": 900}, accept_downloads=True)
+    # Playwright's wait_for_function evaluates text, which the service's policy forbids; test_policy.py keeps to it.
+    context = browser.new_context(viewport={"width": 1440, "height": 900}, accept_downloads=True, bypass_csp=True)
     context.set_default_timeout(20_000)
     opened = context.new_page()
     errors: list[str] = []

@@ -19,6 +19,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         "FREDHOLM_MAX_BUNDLE_FILES": "20",
         "FREDHOLM_MAX_BUNDLE_BYTES": str(8 << 20),
         "FREDHOLM_CHECKPOINT_SECONDS": "0.5",
+        "FREDHOLM_PING_SECONDS": "2",
     }
     running = Server(tmp_path_factory.mktemp("service") / "data", environment).start()
     yield running

@@ -59,3 +59,20 @@ def test_many_streams_that_are_dropped_leave_the_service_well(server: Server, cl
         with EventStream(server.url):
             pass
     assert client.get("/healthz").status_code == 200
+
+
+def test_silence_is_broken_by_a_ping(server: Server) -> None:
+    with EventStream(server.url) as stream:
+        stream.wait(lambda events: [event.kind for event in events].count("ping") >= 2, seconds=10)
+
+
+def test_others_are_told_of_a_deleted_job(server: Server, client: httpx.Client) -> None:
+    job_id = server.wait_ended(server.submit({"spp": 4})["id"])["id"]
+    with EventStream(server.url) as stream:
+        before = stream.events[0].data["last_event_id"]
+        assert client.delete(f"/api/jobs/{job_id}").status_code == 204
+        deleted = stream.wait(lambda events: any(e.kind == "deleted" for e in events))[-1]
+        assert deleted.data == {"id": job_id}
+        assert int(deleted.id or -1) > before
+    with EventStream(server.url, last_event_id=before) as stream:
+        stream.wait(lambda events: any(e.kind == "deleted" and e.data["id"] == job_id for e in events))

@@ -141,7 +141,7 @@ def test_a_running_job_is_cancelled_and_keeps_its_picture(server: Server, client
     assert client.get(f"/api/jobs/{job['id']}/image.exr").status_code == 200
     again = server.cancel(job["id"])
     assert again.status_code == 409
-    assert "a job that is cancelled cannot cancel" in again.json()["detail"].lower()
+    assert "a job that is cancelled cannot be cancelled" in again.json()["detail"].lower()
 
 
 def test_a_young_job_has_an_exr_as_soon_as_one_is_asked_for(server: Server, client: httpx.Client) -> None:

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from sqlalchemy import select, update
 
 from service.states import IllegalStep, State, Step
-from service.store import Database, JobNotFound, JobStore, NewJob, Progress, SceneRecord, SceneStore
+from service.store import (
+    Database,
+    JobNotFound,
+    JobStore,
+    KeyUsedOtherwise,
+    NewJob,
+    Progress,
+    SceneRecord,
+    SceneStore,
+    StillRunning,
+)
 from service.store.schema import jobs as table
 
 NEW = NewJob("Box", "gallery", "cornell-box", "Box", {"error": None, "seconds": 1.0, "spp": None}, {"width": 4})
@@ -47,7 +58,7 @@ def in_threads(n: int, work: Callable[[], None]) -> None:
 
 
 def test_a_job_reads_back_as_it_was_added(jobs: JobStore) -> None:
-    added = jobs.add(NEW)
+    added, _ = jobs.add(NEW)
     found = jobs.get(added.id)
     assert found == added
     assert (found.state, found.name, found.settings) == (State.QUEUED, "Box", {"width": 4})
@@ -61,28 +72,29 @@ def test_an_unknown_job_is_told(jobs: JobStore) -> None:
 
 
 def test_every_transition_is_an_event_with_the_job_as_it_was(jobs: JobStore) -> None:
-    job = jobs.add(NEW)
+    job, _ = jobs.add(NEW)
     jobs.claim()
     jobs.move(job.id, Step.FINISH, stopped_by="spp", progress=Progress(spp=8, frame_seq=3))
     events = jobs.events_after(0, 10)
-    assert [event.job.state for event in events] == [State.QUEUED, State.RUNNING, State.SUCCEEDED]
+    assert [event.job and event.job.state for event in events] == [State.QUEUED, State.RUNNING, State.SUCCEEDED]
     assert [event.queue_position for event in events] == [1, None, None]
+    assert events[-1].job is not None
     assert events[-1].job.progress.spp == 8
     assert jobs.last_event_id() == events[-1].id
     assert jobs.events_after(events[1].id, 10) == events[2:]
 
 
 def test_an_illegal_step_changes_nothing_and_writes_no_event(jobs: JobStore) -> None:
-    job = jobs.add(NEW)
+    job, _ = jobs.add(NEW)
     before = jobs.last_event_id()
-    with pytest.raises(IllegalStep, match="a job that is queued cannot finish"):
+    with pytest.raises(IllegalStep, match="a job that is queued cannot be finished"):
         jobs.move(job.id, Step.FINISH)
     assert jobs.get(job.id).state is State.QUEUED
     assert jobs.last_event_id() == before
 
 
 def test_two_hundred_jobs_are_claimed_once_each_by_eight_threads(jobs: JobStore) -> None:
-    added = [jobs.add(NEW).id for _ in range(200)]
+    added = [jobs.add(NEW)[0].id for _ in range(200)]
     claimed: list[str] = []
 
     def claim_all() -> None:
@@ -94,7 +106,7 @@ def test_two_hundred_jobs_are_claimed_once_each_by_eight_threads(jobs: JobStore)
 
 
 def test_concurrent_updates_lose_nothing(database: Database, jobs: JobStore) -> None:
-    job = jobs.add(NEW)
+    job, _ = jobs.add(NEW)
 
     def read_then_write() -> None:
         for _ in range(40):
@@ -122,7 +134,7 @@ def test_a_job_given_back_waits_behind_those_without_a_picture(jobs: JobStore) -
     assert first is not None
     jobs.save(first, Progress(frame_seq=5), [], "a.exr")
     jobs.move(first.id, Step.GIVE_BACK)
-    second = jobs.add(NEW)
+    second, _ = jobs.add(NEW)
     assert jobs.queue() == [second.id, first.id]
     claimed = jobs.claim()
     assert claimed is not None
@@ -133,7 +145,7 @@ def test_what_was_committed_is_there_for_the_next_process(tmp_path: Path) -> Non
     url = f"sqlite:///{tmp_path / 'test.sqlite'}"
     first = Database(url)
     first.create_tables()
-    job = JobStore(first).add(NEW)
+    job = JobStore(first).add(NEW)[0]
     first.close()
     again = Database(url)
     again.create_tables()
@@ -142,7 +154,7 @@ def test_what_was_committed_is_there_for_the_next_process(tmp_path: Path) -> Non
 
 
 def test_readers_do_not_wait_for_a_writer(database: Database, jobs: JobStore) -> None:
-    job = jobs.add(NEW)
+    job, _ = jobs.add(NEW)
     with database.write():
         assert jobs.get(job.id) == job
 
@@ -154,3 +166,36 @@ def test_scenes_read_back(database: Database) -> None:
     assert store.get("id") == scene
     assert store.newest() == [scene]
     assert store.get("other") is None
+
+
+def test_a_deleted_job_leaves_one_event_and_nothing_else(jobs: JobStore) -> None:
+    job, _ = jobs.add(NEW)
+    running, _ = jobs.add(NEW)
+    jobs.delete(job.id)
+    with pytest.raises(JobNotFound):
+        jobs.get(job.id)
+    told = [(event.job_id, event.job is None) for event in jobs.events_after(0, 10)]
+    assert told == [(running.id, False), (job.id, True)]
+    jobs.claim()
+    with pytest.raises(StillRunning):
+        jobs.delete(running.id)
+    with pytest.raises(JobNotFound):
+        jobs.delete(job.id)
+
+
+def test_one_key_is_one_job_however_many_ask_at_once(jobs: JobStore) -> None:
+    new = replace(NEW, idempotency_key="k", request_digest="d")
+    seen: list[tuple[str, bool]] = []
+
+    def submit() -> None:
+        job, is_new = jobs.add(new)
+        seen.append((job.id, is_new))
+
+    in_threads(8, submit)
+    assert len({job_id for job_id, _ in seen}) == 1
+    assert [is_new for _, is_new in seen].count(True) == 1
+    with pytest.raises(KeyUsedOtherwise):
+        jobs.add(replace(new, request_digest="other"))
+    other, is_new = jobs.add(replace(new, client_id="someone else"))
+    assert is_new
+    assert other.id != seen[0][0]
