@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, expect, it, vi } from 'vitest';
-import { decodeFrame, type Frame } from './decode';
+import { decodeFrame } from './decode';
 import { FramePuller, SLOW_TRANSFER_MS } from './puller';
 import { frameBody } from './sample';
 
@@ -9,7 +9,7 @@ interface Request {
   reduce: number;
   hasMaps: boolean;
   signal: AbortSignal;
-  answer: (frame: Frame | null) => void;
+  answer: (body: ArrayBuffer | null) => void;
   fail: (cause: Error) => void;
 }
 
@@ -18,7 +18,7 @@ let shown: string[];
 let clock: number;
 let puller: FramePuller;
 
-const frame = (seq: number, reduce = 1): Frame => decodeFrame(frameBody({ seq, reduce }, [[0, 0, 0, 0]]));
+const frame = (seq: number, reduce = 1): ArrayBuffer => frameBody({ seq, reduce }, [[0, 0, 0, 0]]);
 const settle = async (): Promise<void> => void (await vi.advanceTimersByTimeAsync(0));
 
 beforeEach(() => {
@@ -28,7 +28,9 @@ beforeEach(() => {
   clock = 0;
   puller = new FramePuller({
     source: {
-      pull: (request, signal) => new Promise((answer, fail) => requests.push({ ...request, signal, answer, fail })),
+      fetch: (request, signal) => new Promise((answer, fail) => requests.push({ ...request, signal, answer, fail })),
+      decode: async (body) => decodeFrame(body),
+      drop: ({ header }) => shown.push(`dropped:${header.seq}`),
     },
     onFrame: (jobId, { header }) => shown.push(`${jobId}:${header.seq}`),
     onFailure: (jobId) => shown.push(`${jobId}:failed`),

@@ -15,7 +15,11 @@ export interface FrameRequest {
 }
 
 export interface FrameSource<F extends Frame> {
-  pull(request: FrameRequest, signal: AbortSignal): Promise<F | null>;
+  /** The newest frame's bytes, null where there is none newer. */
+  fetch(request: FrameRequest, signal: AbortSignal): Promise<ArrayBuffer | null>;
+  decode(body: ArrayBuffer): Promise<F>;
+  /** Takes back a frame that came too late to be shown. */
+  drop(frame: F): void;
 }
 
 export interface PullerOptions<F extends Frame> {
@@ -99,8 +103,16 @@ export class FramePuller<F extends Frame = Frame> {
     // The newest frame held only as 2×2 means or without maps has to be asked for again.
     const after = this.held >= this.wanted ? 0 : this.held;
     try {
-      const frame = await this.options.source.pull({ jobId, after, reduce, hasMaps }, abort.signal);
+      const { source } = this.options;
+      const body = await source.fetch({ jobId, after, reduce, hasMaps }, abort.signal);
       if (abort.signal.aborted) return;
+      // The link's time alone: a decoder that has just been started does not make a slow link.
+      if (reduce === 1) this.isSlow = now() - started > SLOW_TRANSFER_MS;
+      const frame = body && (await source.decode(body));
+      if (abort.signal.aborted) {
+        if (frame) source.drop(frame);
+        return;
+      }
       if (frame) {
         this.held = Math.max(this.held, frame.header.seq);
         this.heldReduce = frame.header.reduce;
@@ -111,7 +123,6 @@ export class FramePuller<F extends Frame = Frame> {
         this.heldReduce = 1;
         this.heldMaps = hasMaps;
       }
-      if (reduce === 1) this.isSlow = now() - started > SLOW_TRANSFER_MS;
       this.abort = null;
       this.pullIfNeeded();
     } catch (cause) {

@@ -38,13 +38,9 @@ export class Picture {
 
   private readonly puller = new FramePuller<HeldFrame>({
     source: {
-      pull: async (request, signal) => {
-        const body = await fetchFrame(request, signal);
-        if (!body) return null;
-        const frame = await pictureCanvas.decode(body);
-        if (signal.aborted) pictureCanvas.drop(frame);
-        return frame;
-      },
+      fetch: fetchFrame,
+      decode: (body) => pictureCanvas.decode(body),
+      drop: (frame) => pictureCanvas.drop(frame),
     },
     onFrame: (id, frame) => {
       if (id !== this.id) return pictureCanvas.drop(frame);
