@@ -1,4 +1,4 @@
-"""The command `fredholm`: render, merge, gallery, serve."""
+"""The command `fredholm`: render, inspect, merge, gallery, serve."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from renderer.errors import FredholmError, SettingsError
 from renderer.estimate.estimate import Estimate, merge
 from renderer.progress import Snapshot, progressive
 from renderer.scene import gallery as scene_gallery
+from renderer.scene.report import inspect
 from renderer.settings import Settings, Target
 
 DEFAULT_ERROR = 0.05
@@ -234,6 +235,9 @@ def merge_files(
         result = merge(result, Estimate.read(path))
     result.write(output)
     err.print(f"{output}: {result.spp:.0f} spp from {len(inputs)} files", highlight=False, markup=False, soft_wrap=True)
+
+
+app.command()(inspect)
 
 
 @app.command("gallery")

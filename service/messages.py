@@ -227,8 +227,39 @@ class GalleryScene(BaseModel):
     thumbnail: str = Field(description="relative address of a PNG")
 
 
+class Requirements(BaseModel):
+    """What a scene requires. A kind of plugin is counted by name; low and high bound the scene in its own units."""
+
+    name: str
+    digest: str
+    width: int
+    height: int
+    load_seconds: float | None
+    shapes: dict[str, int]
+    triangles: int
+    emitters: dict[str, int]
+    bsdfs: dict[str, int]
+    textures: dict[str, int]
+    texture_pixels: int
+    media: dict[str, int]
+    sensors: dict[str, int]
+    memory_bytes: int = Field(description="estimated, of the loaded scene without the picture")
+    low: list[float] | None
+    high: list[float] | None
+    is_coloured: bool
+    coloured_by: str | None
+    variant: Literal["mono", "rgb", "spectral"]
+    features: list[str] = Field(description="what the kernel has to contain")
+    max_depth: int = Field(description="as the scene asks; -1 = unlimited")
+    depth_advice: str
+    needs_time: bool = Field(description="whether anything moves while the shutter is open")
+    notes: list[str] = Field(description="what was dropped or rewritten")
+    warnings: list[str] = Field(description="numerical risks, each as 'name: sentence'")
+    unsupported: list[str]
+
+
 class Scene(BaseModel):
-    """An uploaded scene."""
+    """An uploaded scene. requirements: null for a scene taken in by an older version."""
 
     id: str
     name: str
@@ -236,11 +267,13 @@ class Scene(BaseModel):
     height: int
     digest: str
     warnings: list[str]
+    requirements: Requirements | None = None
 
     @classmethod
-    def of(cls, scene: SceneRecord) -> Self:
+    def of(cls, scene: SceneRecord, requirements: dict[str, Any] | None = None) -> Self:
         """The message for a stored scene."""
-        return cls.model_validate({name: getattr(scene, name) for name in cls.model_fields})
+        kept = {name: getattr(scene, name) for name in cls.model_fields if name != "requirements"}
+        return cls.model_validate({**kept, "requirements": requirements})
 
 
 class Pixel(BaseModel):

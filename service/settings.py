@@ -36,6 +36,7 @@ class ServiceSettings(BaseSettings):
     max_bundle_files: int = Field(default=2000, ge=1)
     max_bundle_bytes: int = Field(default=512 * MEBIBYTE, ge=1024, description="unpacked size of a zip bundle")
     max_bundle_ratio: float = Field(default=200.0, ge=1.0, description="unpacked size / packed size of one file")
+    max_scene_bytes: int = Field(default=2048 * MEBIBYTE, ge=MEBIBYTE, description="memory of one loaded scene")
     max_pixels: int = Field(default=3840 * 2160, ge=1, description="pixels of one job's image")
     max_waiting_jobs: int = Field(default=200, ge=1, description="queued jobs; more are refused")
     max_running_jobs: int = Field(default=16, ge=1, description="jobs that share the renderer; others wait")

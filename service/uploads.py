@@ -6,16 +6,18 @@ That process is apart from the one that renders: a scene that crashes it costs n
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import shutil
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import structlog
 
-from service.bundle import BundleError, Limits, unpack
-from service.engine import worker
+from renderer.scene.bundle import Bundle, BundleError, Limits, unpack
+from service.engine import inspection
 from service.engine.local import LocalEngine, Lost
 from service.engine.turn import SceneFacts
 from service.errors import ProblemError
@@ -24,6 +26,8 @@ from service.settings import ServiceSettings
 from service.store import SceneRecord, SceneStore
 from service.store.records import now
 
+_FILES = "files"  # in a scene's folder: what was uploaded
+_REQUIREMENTS = "requirements.json"  # and beside it: what it requires
 _IDLE_SECONDS = 60.0
 _LOADING_SECONDS = 30.0  # to start a process and import the renderer, on a busy machine
 
@@ -37,6 +41,7 @@ class Uploads:
         self._engine = LocalEngine("inspect")
         self._idle: asyncio.TimerHandle | None = None
         self._busy = 0
+        self._built_in: dict[str, dict[str, Any]] = {}
         self._keeping = asyncio.Lock()
         self._log = structlog.get_logger("service.uploads")
 
@@ -50,35 +55,30 @@ class Uploads:
         """The stored scene, and whether it is new. Raises ProblemError."""
         folder = Path(await asyncio.to_thread(tempfile.mkdtemp, prefix=".upload-", dir=self._settings.scenes_dir))
         try:
-            limits = Limits(
-                self._settings.max_bundle_files,
-                self._settings.max_bundle_bytes,
-                self._settings.max_bundle_ratio,
-            )
-            try:
-                bundle = await asyncio.to_thread(unpack, source, file_name, folder, limits)
-            except BundleError as error:
-                raise scene_refused("The upload cannot be unpacked", f"{error}.") from None
+            bundle = await asyncio.to_thread(self._unpack, source, file_name, folder / _FILES)
             scene_id = bundle.digest[:16]
             if known := await asyncio.to_thread(self._store.get, scene_id):
                 return known, False
-            facts = await self._inspect(folder / bundle.scene, folder)
+            path = folder / _FILES / bundle.scene
+            facts = await self._inspect(inspection.inspect_upload, str(path), self._settings.max_scene_bytes)
             if facts.failure is not None:
                 # Messages of the renderer name the file; the folder it lies in is nobody's business.
-                detail = facts.failure.detail.replace(f"{folder}{os.sep}", "").replace(folder.name, bundle.name)
+                detail = facts.failure.detail.replace(f"{path.parent}{os.sep}", "")
+                detail = detail.replace(f"{folder}{os.sep}", "").replace(folder.name, bundle.name)
                 if facts.failure.trace:
                     self._log.error("scene check failed", scene=bundle.name, trace=facts.failure.trace)
                 raise scene_refused(facts.failure.title, detail)
             scene = SceneRecord(
                 id=scene_id,
                 name=bundle.name,
-                path=f"{scene_id}/{bundle.scene}",
+                path=f"{scene_id}/{_FILES}/{bundle.scene}",
                 width=facts.width,
                 height=facts.height,
                 digest=facts.digest,
                 warnings=facts.warnings,
                 created_at=now(),
             )
+            (folder / _REQUIREMENTS).write_text(json.dumps(facts.requirements | {"name": bundle.name}))
             async with self._keeping:
                 if known := await asyncio.to_thread(self._store.get, scene_id):
                     return known, False
@@ -89,15 +89,41 @@ class Uploads:
         finally:
             await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
 
-    async def _inspect(self, path: Path, folder: Path) -> SceneFacts:
+    def requirements(self, scene_id: str) -> dict[str, Any] | None:
+        """What an uploaded scene requires, as told when it was taken in; None for scenes of older versions."""
+        try:
+            return json.loads((self._settings.scenes_dir / scene_id / _REQUIREMENTS).read_text())
+        except (OSError, ValueError):
+            return None
+
+    async def built_in_requirements(self, name: str) -> dict[str, Any]:
+        """What a scene of the gallery requires. Raises ProblemError."""
+        if name not in self._built_in:
+            facts = await self._inspect(inspection.inspect_built_in, name, self._settings.max_scene_bytes)
+            if facts.failure is not None:
+                raise ProblemError(500, "scene-failed", facts.failure.title, facts.failure.detail)
+            self._built_in[name] = facts.requirements
+        return self._built_in[name]
+
+    def _unpack(self, source: BinaryIO, file_name: str, folder: Path) -> Bundle:
+        limits = Limits(
+            self._settings.max_bundle_files, self._settings.max_bundle_bytes, self._settings.max_bundle_ratio
+        )
+        folder.mkdir()
+        try:
+            return unpack(source, file_name, folder, limits)
+        except BundleError as error:
+            raise scene_refused("The upload cannot be unpacked", f"{error}.") from None
+
+    async def _inspect(self, call: Callable[[str, int], SceneFacts], source: str, memory_bytes: int) -> SceneFacts:
         if self._idle is not None:
             self._idle.cancel()
         self._busy += 1
         seconds = self._settings.upload_deadline_seconds
         try:
             if self._engine.pid is None:
-                await self._engine.submit(worker.load_renderer, deadline=_LOADING_SECONDS)
-            return await self._engine.submit(worker.inspect, str(path), str(folder), deadline=seconds)
+                await self._engine.submit(inspection.prepare, memory_bytes, deadline=_LOADING_SECONDS)
+            return await self._engine.submit(call, source, memory_bytes, deadline=seconds)
         except Lost as lost:
             raise scene_refused(
                 "The scene could not be loaded",

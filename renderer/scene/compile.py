@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from renderer.scene import rewrite
-from renderer.scene.requirements import Requirements, measure
+from renderer.scene.limits import SceneLimits
+from renderer.scene.requirements import Requirements, measure, refuse_unsupported
 from renderer.scene.source import Parsed, instantiate, load_part, parse
 from renderer.settings import UNLIMITED_DEPTH, Settings
 
@@ -94,14 +95,21 @@ class Scene:
         return _make_sensor(self._parsed, self.mitsuba_scene, self.width // divisor, self.height // divisor)[0]
 
 
-def load_scene(source: str | Path | dict[str, Any], *, settings: Settings | None = None) -> Scene:
-    """Loads an .xml file, a Mitsuba dictionary or a gallery name.
+def load_scene(
+    source: str | Path | dict[str, Any], *, settings: Settings | None = None, limits: SceneLimits | None = None
+) -> Scene:
+    """Loads an .xml, .zip or .json file, a Mitsuba dictionary or a gallery name.
 
-    settings: only width and height matter here. Raises SceneError (or UnsupportedScene) with place and cause.
+    settings: only width and height matter here. limits: `UNTRUSTED` for what strangers send. Raises SceneError (or
+    UnsupportedScene) with place and cause.
     """
-    asked = settings or Settings()
-    parsed = parse(source)
+    return load_parsed(source, parse(source, limits), settings or Settings())
+
+
+def load_parsed(source: str | Path | dict[str, Any], parsed: Parsed, asked: Settings) -> Scene:
+    """Loads what was parsed from a source. Raises as `load_scene` does."""
     requirements = measure(parsed)
+    refuse_unsupported(requirements)
     rewrite.neutralise_integrators(parsed.state)
     rewrite.sensor_dict(parsed.state, asked.width, asked.height)  # refuses bad sizes before anything is loaded
     made = instantiate(parsed)

@@ -1,37 +1,52 @@
 """Where a scene comes from, and its parsed intermediate form.
 
-Enters: a path to an XML file, a Mitsuba dictionary or a gallery name. Leaves: Mitsuba's parser state, upgraded and with
-references resolved, plus a digest of everything that the scene is made of (its identity).
+Enters: an .xml file, a .zip bundle, a .json document, a Mitsuba dictionary or a gallery name. Leaves: Mitsuba's parser
+state, vetted, upgraded and with references resolved, plus a digest of everything that the scene is made of (its
+identity). Nothing is instantiated here.
 """
 
 from __future__ import annotations
 
-import hashlib
+import tempfile
+from collections.abc import Callable
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from renderer.backend import mitsuba
 from renderer.errors import SceneError
 from renderer.scene import gallery
+from renderer.scene.assets import Assets, look
+from renderer.scene.bundle import LOCAL_LIMITS, BundleError, unpack
+from renderer.scene.identity import digest_of
+from renderer.scene.limits import SceneLimits
+from renderer.scene.messages import place_of, plain
+from renderer.scene.vet.dictionary import read_document
+from renderer.scene.vet.nodes import check_nodes
+from renderer.scene.vet.plugins import refuse_libraries
+from renderer.scene.vet.xml import check_xml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_FILE_PROPERTIES = ("filename",)
-
 
 @dataclass(frozen=True, slots=True)
 class Parsed:
-    """A parsed scene: Mitsuba's parser state, a name to show, a digest, and the folders that its files are in."""
+    """A parsed scene: Mitsuba's parser state, a name to show, a digest, the folders that its files are in, and what
+    those files hold. keep: what must live as long as the scene is loaded from its files.
+    """
 
     state: Any
     name: str
     digest: str
     folders: tuple[str, ...]
+    assets: Assets
+    keep: Any = field(default=None, repr=False)
+
+    def place(self, node: Any) -> str:
+        """Where a node stands: "scene.xml:12", or "scene.ball" for a dictionary."""
+        return place_of(self.state, node, self.folders)
 
 
 @contextmanager
@@ -49,35 +64,77 @@ def _file_resolver(paths: tuple[str, ...]) -> Iterator[Any]:
             resolver.append(path)
 
 
-def parse(source: str | Path | dict[str, Any]) -> Parsed:
-    """Parses any source. Raises SceneError with the place and the cause."""
+def parse(source: str | Path | dict[str, Any], limits: SceneLimits | None = None, *, exact: bool = False) -> Parsed:
+    """Parses and vets any source. exact: count the triangles of long files one by one.
+
+    Raises SceneError with the place and the cause.
+    """
     mi = mitsuba()
+    limits = limits or SceneLimits()
     config = mi.parser.ParserConfig(mi.variant())
-    name, folders, read = _reader(source, config)
-    with _file_resolver(folders) as resolver:
-        state = _guarded(read, name)
+    opened = _open(source, config, limits)
+    with _file_resolver(opened.folders) as resolver:
+        mitsuba_folders = [str(resolver[i]) for i in range(len(opened.folders), len(resolver))]
+        refuse_libraries(opened.folders, mitsuba_folders)
+        state = guarded(opened.read, opened.name, opened.folders)
         folders = tuple(str(resolver[i]) for i in range(len(resolver)))  # scenes add folders by <path>
-        _guarded(lambda: mi.parser.transform_upgrade(config, state), name)
-        _guarded(lambda: mi.parser.transform_resolve(config, state), name)
-        return Parsed(state, name, _digest(state, resolver), folders)
+        refuse_libraries(folders, mitsuba_folders)
+
+        def place(node: Any) -> str:
+            return place_of(state, node, folders)
+
+        check_nodes(state, Path(opened.folders[0]) if opened.folders else None, limits, place)
+        guarded(lambda: mi.parser.transform_upgrade(config, state), opened.name, folders)
+        guarded(lambda: mi.parser.transform_resolve(config, state), opened.name, folders)
+        assets = look(state, lambda name: Path(str(resolver.resolve(name))), limits, place, exact=exact)
+        return Parsed(state, opened.name, digest_of(state, assets), folders, assets, opened.keep)
 
 
-def _reader(source: str | Path | dict[str, Any], config: Any) -> tuple[str, tuple[str, ...], Any]:
-    """Name, folders and the call that parses a source."""
+@dataclass(frozen=True, slots=True)
+class _Opened:
+    """A source that was found: a name to show, its folders, and the call that parses it."""
+
+    name: str
+    folders: tuple[str, ...]
+    read: Callable[[], Any]
+    keep: Any = None
+
+
+def _open(source: str | Path | dict[str, Any], config: Any, limits: SceneLimits) -> _Opened:
     parser = mitsuba().parser
     if isinstance(source, dict):
-        return "scene", (), lambda: parser.parse_dict(config, source)
+        return _Opened("scene", (), lambda: parser.parse_dict(config, source))
     path = Path(source)
     if not path.suffix and not path.is_file():
         found = gallery.find(str(source))
-        return found.name, (), lambda: parser.parse_dict(config, found.build())
-    if path.suffix.lower() != ".xml":
-        raise SceneError(f"{path}: a scene is an .xml file, a Mitsuba dictionary or a gallery name")
+        return _Opened(found.name, (), lambda: parser.parse_dict(config, found.build()))
+    kind = path.suffix.lower()
+    if kind not in (".xml", ".zip", ".json"):
+        raise SceneError(f"{path}: a scene is an .xml file, a .zip bundle, a .json document or a gallery name")
     if not path.is_file():
         raise SceneError(f"{path}: no such file")
+    if kind == ".zip":
+        return _open_bundle(path, config, limits)
     folder = path.resolve().parent
     name = folder.name if path.stem == "scene" else path.stem
-    return name, (str(folder),), lambda: parser.parse_file(config, str(path))
+    if kind == ".json":
+        document = read_document(path.read_bytes(), path.name, folder, limits)
+        return _Opened(name, (str(folder),), lambda: parser.parse_dict(config, document))
+    check_xml(path, limits)
+    return _Opened(name, (str(folder),), lambda: parser.parse_file(config, str(path.resolve())))
+
+
+def _open_bundle(path: Path, config: Any, limits: SceneLimits) -> _Opened:
+    """The scene in a zip, unpacked for as long as it is used."""
+    unpacked = tempfile.TemporaryDirectory(prefix="fredholm-scene-")
+    folder = Path(unpacked.name)
+    try:
+        with path.open("rb") as file:
+            bundle = unpack(file, path.name, folder, LOCAL_LIMITS)
+    except BundleError as error:
+        raise SceneError(f"{path.name}: {error}") from None
+    inner = _open(folder / bundle.scene, config, limits)
+    return _Opened(bundle.name, inner.folders, inner.read, unpacked)
 
 
 def instantiate(parsed: Parsed) -> Any:
@@ -86,8 +143,8 @@ def instantiate(parsed: Parsed) -> Any:
     config = mi.parser.ParserConfig(mi.variant())
     state = mi.parser.ParserState(parsed.state)  # the passes change it; the parsed form is kept as it was read
     with _file_resolver(parsed.folders):
-        _guarded(lambda: mi.parser.transform_all(config, state), parsed.name)
-        made = _guarded(lambda: mi.parser.instantiate(config, state), parsed.name)
+        guarded(lambda: mi.parser.transform_all(config, state), parsed.name, parsed.folders)
+        made = guarded(lambda: mi.parser.instantiate(config, state), parsed.name, parsed.folders)
     scene = made[0] if isinstance(made, (list, tuple)) else made
     if not isinstance(scene, mi.Scene):
         raise SceneError(f"{parsed.name}: the outermost element is no scene but {type(scene).__name__}")
@@ -97,64 +154,12 @@ def instantiate(parsed: Parsed) -> Any:
 def load_part(parsed: Parsed, description: dict[str, Any]) -> Any:
     """A Mitsuba object that belongs to a parsed scene, from its dictionary."""
     with _file_resolver(parsed.folders):
-        return _guarded(lambda: mitsuba().load_dict(description), parsed.name)
+        return guarded(lambda: mitsuba().load_dict(description), parsed.name, parsed.folders)
 
 
-def _guarded(call: Any, what: str) -> Any:
+def guarded(call: Callable[[], Any], what: str, folders: tuple[str, ...]) -> Any:
+    """The result of a call into Mitsuba, its errors as SceneError with file and line, and what to do."""
     try:
         return call()
-    except (RuntimeError, ValueError, KeyError, TypeError) as cause:
-        raise SceneError(f"{what}: {_plain(str(cause))}") from cause
-
-
-def _plain(message: str) -> str:
-    """A parser's message without Mitsuba's source positions."""
-    lines = [line.strip() for line in message.splitlines() if line.strip()]
-    kept = [line.split("] ", 1)[-1] if line.startswith("[") else line for line in lines]
-    return " ".join(kept)[:600]
-
-
-def _digest(state: Any, resolver: Any) -> str:
-    """SHA-256 over all nodes, in order, and the contents of every file they name."""
-    h = hashlib.sha256()
-    mi = mitsuba()
-    for node in state.nodes:
-        if node.type in (mi.ObjectType.Integrator, mi.ObjectType.Sampler):
-            continue
-        h.update(f"\n{node.type}:{node.props.plugin_name()}".encode())
-        for key in node.props.keys():  # noqa: SIM118 (Mitsuba's Properties is no mapping)
-            if node.type == mi.ObjectType.Film and key in (
-                "width",
-                "height",
-                "file_format",
-                "component_format",
-            ):
-                continue
-            was_queried = node.props.was_queried(key)
-            value = node.props[key]
-            node.props.mark_queried(key, was_queried)  # reading must not hide a misspelt name from Mitsuba
-            h.update(f"\n {key}={_fingerprint(value)}".encode())
-            if key in _FILE_PROPERTIES and (file := Path(str(resolver.resolve(str(value))))).is_file():
-                with open(file, "rb") as contents:
-                    h.update(hashlib.file_digest(contents, "sha256").digest())
-    return h.hexdigest()
-
-
-def _fingerprint(value: Any) -> str:
-    """Text that changes when a property's value does."""
-    if isinstance(value, (bool, int, float, str)):
-        return repr(value)
-    mi = mitsuba()
-    if "Transform" in type(value).__name__:
-        value = np.array(value.matrix)  # its text has six digits only
-    if isinstance(value, mi.Object) and not isinstance(value, mi.Bitmap):
-        parameters = mi.traverse(value)
-        parts = [f"{k}:{_fingerprint(parameters[k])}" for k in sorted(parameters.keys())]
-        return f"{type(value).__name__}({','.join(parts)})"
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError, RuntimeError):
-        array = None
-    if array is not None and array.dtype != object and array.size:
-        return f"{array.dtype}{array.shape}{hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()}"
-    return str(value)
+    except (RuntimeError, ValueError, KeyError, TypeError, IndexError, OverflowError, MemoryError) as cause:
+        raise SceneError(f"{what}: {plain(str(cause), folders)}") from cause

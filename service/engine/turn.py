@@ -70,10 +70,11 @@ class TurnResult:
 
 @dataclass(frozen=True, slots=True)
 class SceneFacts:
-    """What loading an uploaded scene told."""
+    """What loading a scene told. requirements: as `renderer.scene.report.inspect_scene` returns them."""
 
     width: int = 0
     height: int = 0
     digest: str = ""
     warnings: tuple[str, ...] = field(default=())
+    requirements: dict[str, Any] = field(default_factory=dict)
     failure: Failure | None = None

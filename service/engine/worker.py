@@ -23,8 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from service.display import display_of, write_display
-from service.engine.references import refuse_outside_references
-from service.engine.turn import Failure, Saved, SceneFacts, Turn, TurnResult
+from service.engine.turn import Failure, Saved, Turn, TurnResult
 from service.store.records import Progress
 
 if TYPE_CHECKING:
@@ -79,25 +78,6 @@ def warm_up() -> None:
         break
 
 
-def load_renderer() -> None:
-    """Import the renderer and choose its backend."""
-    from renderer import backend
-
-    backend.mitsuba()
-
-
-def inspect(path: str, folder: str) -> SceneFacts:
-    """Load an uploaded scene and tell what it is, or why it is refused. Its files must lie below `folder`."""
-    import renderer
-
-    try:
-        refuse_outside_references(Path(path), Path(folder))
-        scene = renderer.load_scene(path, settings=renderer.Settings())
-        return SceneFacts(scene.width, scene.height, scene.digest, tuple(scene.warnings))
-    except Exception as error:
-        return SceneFacts(failure=_failure(error))
-
-
 def advance(turn: Turn) -> TurnResult:
     """Render one job for about `turn.seconds`, show the newest snapshot, save the estimate if due."""
     key = (turn.job_id, turn.attempt)
@@ -117,7 +97,7 @@ def advance(turn: Turn) -> TurnResult:
         )
     except Exception as error:
         _runs.pop(key, None)
-        return TurnResult(failure=_failure(error))
+        return TurnResult(failure=failure_of(error))
     if is_over:
         del _runs[key]
     return result
@@ -131,7 +111,7 @@ def retire(turn: Turn) -> TurnResult:
     try:
         return TurnResult(progress=_progress(run), saved=_save(run, turn), warnings=tuple(run.scene.warnings))
     except Exception as error:
-        return TurnResult(failure=_failure(error))
+        return TurnResult(failure=failure_of(error))
 
 
 def _render_turn(turn: Turn) -> tuple[_Run, tuple[dict[str, float], ...]]:
@@ -261,7 +241,7 @@ def _finite(value: float | None) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
 
 
-def _failure(error: Exception) -> Failure:
+def failure_of(error: Exception) -> Failure:
     """What to tell a user. Only the renderer's own errors are written for users; others may name paths."""
     import renderer
 

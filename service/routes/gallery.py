@@ -7,8 +7,9 @@ from fastapi.responses import FileResponse
 
 from renderer.errors import SceneError
 from renderer.scene import gallery
+from service.context import ServiceContext
 from service.errors import not_found
-from service.messages import GalleryScene
+from service.messages import GalleryScene, Requirements
 
 router = APIRouter(prefix="/api/gallery", tags=["gallery"])
 
@@ -27,6 +28,16 @@ def list_gallery() -> list[GalleryScene]:
         )
         for scene in gallery.list_scenes()
     ]
+
+
+@router.get("/{name}/requirements", responses={404: {}})
+async def requirements(name: str, service: ServiceContext) -> Requirements:
+    """What a built-in scene requires."""
+    try:
+        gallery.find(name)
+    except SceneError as error:
+        raise not_found("scene", f"{error}.") from None
+    return Requirements.model_validate(await service.uploads.built_in_requirements(name))
 
 
 @router.get("/{name}/thumbnail.png", response_class=FileResponse, responses={404: {}})

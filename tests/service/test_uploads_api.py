@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import signal
 import time
@@ -50,6 +51,42 @@ def test_an_xml_scene_is_taken_and_rendered(server: Server, client: httpx.Client
     job = server.wait_ended(server.submit({"spp": 32}, {"seed": 3}, id=scene["id"])["id"])
     assert (job["state"], job["settings"]["width"], job["name"]) == ("succeeded", 32, "ball <1>")
     assert job["scene"] == {"gallery": None, "id": scene["id"], "name": "ball <1>"}
+
+
+def test_a_scene_says_what_it_requires_when_it_is_uploaded_and_after(client: httpx.Client) -> None:
+    scene = upload(client, "a.xml", PLAIN_SCENE.replace("0.4", "0.35")).json()
+    found = scene["requirements"]
+    assert (found["shapes"], found["emitters"], found["is_coloured"]) == ({"sphere": 1}, {"constant": 1}, False)
+    assert found["features"] == ["smooth", "environment"]
+    assert (found["unsupported"], found["warnings"]) == ([], [])
+    assert client.get(f"/api/scenes/{scene['id']}").json()["requirements"] == found
+
+
+def test_a_scene_as_json_is_taken_and_rendered(server: Server, client: httpx.Client) -> None:
+    document = {
+        "type": "scene",
+        "sensor": {
+            "type": "perspective",
+            "to_world": [{"look_at": {"origin": [0, 0, 5], "target": [0, 0, 0], "up": [0, 1, 0]}}],
+            "film": {"type": "hdrfilm", "width": 16, "height": 12},
+        },
+        "sky": {"type": "constant"},
+        "ball": {"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.4] * 3}}},
+    }
+    answer = upload(client, "ball.json", json.dumps(document))
+    assert answer.status_code == 201, answer.text
+    job = server.wait_ended(server.submit({"spp": 16}, {"seed": 3}, id=answer.json()["id"])["id"])
+    assert (job["state"], job["settings"]["width"], job["name"]) == ("succeeded", 16, "ball")
+    assert "scene.ball.radius" in refusal(
+        upload(client, "b.json", json.dumps(document | {"ball": {"type": "sphere", "radius": None}}))
+    )
+
+
+def test_a_built_in_scene_says_what_it_requires(client: httpx.Client) -> None:
+    found = client.get("/api/gallery/cornell-box/requirements", timeout=60)
+    assert found.status_code == 200, found.text
+    assert found.json()["shapes"] == {"rectangle": 6, "cube": 2}
+    assert client.get("/api/gallery/teapot/requirements").status_code == 404
 
 
 def test_the_same_content_is_the_same_scene(client: httpx.Client) -> None:
@@ -104,6 +141,13 @@ def test_a_parameter_in_an_include_is_refused(client: httpx.Client) -> None:
 def test_document_types_are_refused(client: httpx.Client) -> None:
     bomb = '<!DOCTYPE s [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>' + PLAIN_SCENE
     assert "DOCTYPE" in refusal(upload(client, "a.xml", bomb))
+
+
+def test_a_bundle_with_code_is_refused_because_mitsuba_would_run_it(client: httpx.Client) -> None:
+    # Mitsuba looks for plugins/TYPE.so in the scene's folder first, also for types that it has itself.
+    assert "is code" in refusal(
+        upload(client, "a.zip", zipped(**{"scene.xml": PLAIN_SCENE, "plugins/diffuse.so": "x"}))
+    )
 
 
 def test_a_hostile_zip_is_refused(client: httpx.Client) -> None:

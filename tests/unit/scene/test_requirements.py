@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from renderer.errors import SceneError, UnsupportedScene
-from renderer.scene.requirements import Requirements, measure
+from renderer.scene.requirements import Requirements, measure, refuse_unsupported
 from renderer.scene.source import parse
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "scenes"
@@ -65,29 +65,29 @@ def test_what_the_scene_asks_of_its_integrator_is_kept(
 @pytest.mark.parametrize(
     ("inside", "named"),
     [
-        ('  <medium type="homogeneous" id="fog"/>', r"scene\.xml \(line 3.*participating media.*homogeneous"),
+        ('  <medium type="homogeneous" id="fog"/>', r"scene\.xml:3: .*participating media.*homogeneous"),
         (
             '  <shape type="sphere">\n    <medium name="interior" type="heterogeneous">\n'
             '    <volume name="albedo" type="constvolume"/></medium></shape>',
-            r"scene\.xml \(line 4.*participating media.*heterogeneous",
+            r"scene\.xml:4: .*participating media.*heterogeneous",
         ),
         (
             '  <shape type="sphere">\n\n    <bsdf type="polarizer"/></shape>',
-            r"scene\.xml \(line 5.*polarised light.*polarizer",
+            r"scene\.xml:5: .*polarised light.*polarizer",
         ),
-        ('  <bsdf type="twosided"><bsdf type="retarder"/></bsdf>', r"scene\.xml \(line 3.*retarder"),
-        ('  <integrator type="stokes"><integrator type="path"/></integrator>', r"scene\.xml \(line 3.*stokes"),
+        ('  <bsdf type="twosided"><bsdf type="retarder"/></bsdf>', r"scene\.xml:3: .*retarder"),
+        ('  <integrator type="stokes"><integrator type="path"/></integrator>', r"scene\.xml:3: .*stokes"),
     ],
     ids=["medium", "medium in a shape", "polariser", "nested retarder", "stokes"],
 )
 def test_what_is_not_modelled_is_refused_with_its_name_and_line(tmp_path: Path, inside: str, named: str) -> None:
     with pytest.raises(UnsupportedScene, match=named):
-        measure(parse(xml(tmp_path, inside)))
+        refuse_unsupported(measure(parse(xml(tmp_path, inside))))
 
 
 def test_a_refusal_of_a_dictionary_names_the_node() -> None:
     with pytest.raises(UnsupportedScene, match=r"fog.*participating media"):
-        measured(fog={"type": "homogeneous"})
+        refuse_unsupported(measured(fog={"type": "homogeneous"}))
 
 
 def test_a_scene_without_a_sensor_is_refused_with_an_example() -> None:
@@ -101,8 +101,8 @@ def test_a_scene_without_a_sensor_is_refused_with_an_example() -> None:
     [("vol-cbox", "participating media"), ("hetvol", "participating media"), ("cbox-polarized", "polarised light")],
 )
 def test_scenes_from_elsewhere_that_need_more_are_refused_with_their_file(name: str, cause: str) -> None:
-    with pytest.raises(UnsupportedScene, match=rf"scene\.xml \(line \d+.*{cause}"):
-        measure(parse(SHARED / name / "scene.xml"))
+    with pytest.raises(UnsupportedScene, match=rf"scene\.xml:\d+: .*{cause}"):
+        refuse_unsupported(measure(parse(SHARED / name / "scene.xml")))
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="there is no folder of shared scenes beside the checkout")

@@ -231,16 +231,17 @@ def test_a_folder_called_like_a_built_in_scene_does_not_hide_it(
 @pytest.mark.parametrize(
     ("xml", "named"),
     [
-        ("", r"scene\.xml.*line 1"),
-        (XML.replace("</sensor>", ""), r"scene\.xml.*line 12"),
-        (XML.replace('type="constant"', 'type="sunset"'), r"scene\.xml \(line 11.*sunset"),
-        (XML.replace('<integer name="width"', '<integer nam="width"'), r"scene\.xml.*line 4"),
-        (XML.replace('value="8"', 'value="eight"'), r"scene\.xml.*line 4.*eight"),
+        ("", r"scene\.xml:1: "),
+        (XML.replace("</sensor>", ""), r"scene\.xml:12: "),
+        (XML.replace('type="constant"', 'type="sunset"'), r"scene\.xml:11: .*sunset.*remove it or"),
+        (XML.replace('type="constant"', 'type="sunsk"'), r"scene\.xml:11: .*did you mean sunsky"),
+        (XML.replace('<integer name="width"', '<integer nam="width"'), r"scene\.xml:4: "),
+        (XML.replace('value="8"', 'value="eight"'), r"scene\.xml:4: .*eight"),
         (XML.replace('<emitter type="constant"/>', '<ref id="gone"/>'), r"gone"),
-        (XML.replace('value="t.png"', 'value="u.png"'), r"scene\.xml \(line 8.*u\.png"),
-        (XML.replace('value="m.ply"', 'value="n.ply"'), r"scene\.xml \(line 10.*n\.ply"),
+        (XML.replace('value="t.png"', 'value="u.png"'), r"scene\.xml:8: .*u\.png.*is missing; put that file beside"),
+        (XML.replace('value="m.ply"', 'value="n.ply"'), r"scene\.xml:10: .*n\.ply.*is missing; put that file beside"),
     ],
-    ids=["empty", "unclosed", "plugin", "attribute", "number", "reference", "texture", "mesh"],
+    ids=["empty", "unclosed", "plugin", "almost a plugin", "attribute", "number", "reference", "texture", "mesh"],
 )
 def test_a_faulty_scene_is_refused_with_its_place_and_cause(tmp_path: Path, xml: str, named: str) -> None:
     with pytest.raises(SceneError, match=named):
@@ -250,7 +251,7 @@ def test_a_faulty_scene_is_refused_with_its_place_and_cause(tmp_path: Path, xml:
 def test_a_broken_texture_is_refused_with_its_place(tmp_path: Path) -> None:
     path = write_scene(tmp_path / "a")
     (tmp_path / "a" / "t.png").write_bytes(b"not a picture")
-    with pytest.raises(SceneError, match=r"scene\.xml \(line 8"):
+    with pytest.raises(SceneError, match=r"scene\.xml:8: .*t\.png: cannot be read as a picture"):
         load_scene(path)
 
 

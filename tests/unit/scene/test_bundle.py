@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from service.bundle import Bundle, BundleError, Limits, shown_name, unpack
+from renderer.scene.bundle import Bundle, BundleError, Limits, shown_name, unpack
 
 LIMITS = Limits(files=5, unpacked_bytes=4 << 20, ratio=50)
 
@@ -125,7 +125,7 @@ def test_a_zip_without_or_with_several_scenes_is_refused(tmp_path: Path) -> None
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(BundleError, match=r"neither \.xml nor \.zip"):
+    with pytest.raises(BundleError, match=r"neither \.xml nor \.json nor \.zip"):
         unpack(io.BytesIO(b"hello"), "a.blend", tmp_path, LIMITS)
 
 

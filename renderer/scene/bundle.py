@@ -1,4 +1,4 @@
-"""Unpacks what a stranger uploaded: a scene as .xml, or a .zip with one scene and its files.
+"""Unpacks a scene: an .xml or .json file, or a .zip with one of them and its files.
 
 Nothing in here parses a scene. Enters: bytes and a file name. Leaves: a folder with the files, the path of
 the one scene file in it, and a digest of the content. Everything odd is refused with a sentence that says
@@ -17,13 +17,16 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
+SCENE_SUFFIXES = (".xml", ".json")
+# Mitsuba looks for its plugins in the scene's folder first: code has no place there.
+_CODE_SUFFIXES = (".so", ".dll", ".dylib", ".pyd", ".py", ".exe")
 _CHUNK = 1 << 16
 # Small files may be packed as tightly as they like.
 _RATIO_FREE_BYTES = 1 << 20
 
 
 class BundleError(Exception):
-    """The upload is not a scene that can be unpacked."""
+    """The bundle is not a scene that can be unpacked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +36,9 @@ class Limits:
     files: int
     unpacked_bytes: int
     ratio: float
+
+
+LOCAL_LIMITS = Limits(files=100_000, unpacked_bytes=64 << 30, ratio=1032.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +56,7 @@ class Bundle:
 def shown_name(name: str, fallback: str = "scene") -> str:
     """A name safe to show and to log: no path, no control characters, at most 80 characters."""
     last = re.split(r"[/\\]", unicodedata.normalize("NFC", name))[-1]
-    stem = re.sub(r"\.(xml|zip)$", "", last, flags=re.IGNORECASE)
+    stem = re.sub(r"\.(xml|json|zip)$", "", last, flags=re.IGNORECASE)
     kept = "".join(c for c in stem if unicodedata.category(c)[0] != "C")
     return re.sub(r"\s+", " ", kept).strip()[:80] or fallback
 
@@ -64,12 +70,12 @@ def unpack(source: BinaryIO, file_name: str, folder: Path, limits: Limits) -> Bu
     source.seek(0)
     if suffix == ".zip" or start == b"PK\x03\x04":
         files = _unpack_zip(source, folder, limits)
-    elif suffix == ".xml":
+    elif suffix in SCENE_SUFFIXES:
         content = source.read()
-        (folder / "scene.xml").write_bytes(content)
-        files = {"scene.xml": hashlib.sha256(content).hexdigest()}
+        (folder / f"scene{suffix}").write_bytes(content)
+        files = {f"scene{suffix}": hashlib.sha256(content).hexdigest()}
     else:
-        raise BundleError(f"{name}{suffix} is neither .xml nor .zip; upload a Mitsuba scene file or a zip with it")
+        raise BundleError(f"{name} is neither .xml nor .json nor .zip; upload a Mitsuba scene file or a zip with it")
     scene = _scene_file(list(files))
     digest = hashlib.sha256("".join(f"{path}\0{files[path]}\n" for path in sorted(files)).encode()).hexdigest()
     return Bundle(name=name, scene=scene, digest=digest)
@@ -104,6 +110,8 @@ def _vetted(archive: zipfile.ZipFile, limits: Limits) -> dict[str, zipfile.ZipIn
         mode = entry.external_attr >> 16
         if stat.S_IFMT(mode) not in (0, stat.S_IFREG):
             raise BundleError(f"{shown} is a link or a special file; put the file itself into the zip")
+        if path.lower().endswith(_CODE_SUFFIXES) or ".so." in path.lower():
+            raise BundleError(f"{shown} is code, which a scene needs not; leave it out")
         if entry.flag_bits & 0x1:
             raise BundleError(f"{shown} is encrypted; pack it without a password")
         if entry.file_size > max(_RATIO_FREE_BYTES, limits.ratio * max(1, entry.compress_size)):
@@ -155,16 +163,18 @@ def _extract(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, target: Path) -> 
 
 
 def _scene_file(paths: list[str]) -> str:
-    """The one scene: scene.xml, or the only .xml, of the topmost folder that has any."""
-    candidates = [path for path in paths if path.lower().endswith(".xml")]
-    if not candidates:
-        raise BundleError("there is no .xml scene file in the zip; add the scene as scene.xml")
-    top = min(path.count("/") for path in candidates)
-    topmost = sorted(path for path in candidates if path.count("/") == top)
-    named = [path for path in topmost if PurePosixPath(path).name.lower() == "scene.xml"]
-    if len(named) == 1:
-        return named[0]
-    if len(topmost) > 1:
-        shown = ", ".join(topmost[:3])
-        raise BundleError(f"there are {len(topmost)} scene files ({shown}); name the one to render scene.xml")
-    return topmost[0]
+    """The one scene: scene.xml or scene.json, or the only such file, of the topmost folder that has any."""
+    for suffix in SCENE_SUFFIXES:
+        candidates = [path for path in paths if path.lower().endswith(suffix)]
+        if not candidates:
+            continue
+        top = min(path.count("/") for path in candidates)
+        topmost = sorted(path for path in candidates if path.count("/") == top)
+        named = [path for path in topmost if PurePosixPath(path).name.lower() == f"scene{suffix}"]
+        if len(named) == 1:
+            return named[0]
+        if len(topmost) > 1:
+            shown = ", ".join(topmost[:3])
+            raise BundleError(f"there are {len(topmost)} scene files ({shown}); name the one to render scene{suffix}")
+        return topmost[0]
+    raise BundleError("there is no .xml scene file in the zip; add the scene as scene.xml")

@@ -10,6 +10,7 @@ from typing import Any
 
 from renderer.backend import mitsuba
 from renderer.errors import SettingsError
+from renderer.scene.vet.nodes import properties
 from renderer.settings import MAX_SIDE
 
 _CROP = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
@@ -26,10 +27,7 @@ def sensor_dict(state: Any, width: int | None, height: int | None) -> dict[str, 
 
     def to_dict(node: Any) -> dict[str, Any]:
         made: dict[str, Any] = {"type": node.props.plugin_name()}
-        for key in node.props.keys():  # noqa: SIM118 (Mitsuba's Properties is no mapping)
-            was_queried = node.props.was_queried(key)
-            value = node.props[key]
-            node.props.mark_queried(key, was_queried)  # reading must not hide a misspelt name from Mitsuba
+        for key, value in properties(node):
             if node.props.type(key) == mi.Properties.Type.ResolvedReference:
                 child = nodes[value.index()]
                 if child.type in (mi.ObjectType.Film, mi.ObjectType.ReconstructionFilter, mi.ObjectType.Texture):
@@ -49,10 +47,19 @@ def sensor_dict(state: Any, width: int | None, height: int | None) -> dict[str, 
     return made
 
 
+def film_size(state: Any) -> tuple[int, int]:
+    """Width and height of the first sensor's image."""
+    made = sensor_dict(state, None, None)
+    film = next(part for part in made.values() if isinstance(part, dict) and "width" in part)
+    width, height = (int(film.get(f"crop_{side}", film[side])) for side in ("width", "height"))
+    return width, height
+
+
 def _resize(film: dict[str, Any], width: int | None, height: int | None) -> None:
     own_width, own_height = (int(film.get(side, _DEFAULT_FILM[side])) for side in ("width", "height"))
     if width is None and height is None:
         check_size(own_width, own_height)
+        film["width"], film["height"] = own_width, own_height
         return
     new_width = width if width is not None else max(1, round(own_width * (height or 1) / own_height))
     new_height = height if height is not None else max(1, round(own_height * (width or 1) / own_width))

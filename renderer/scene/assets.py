@@ -1,0 +1,96 @@
+"""The files that a parsed scene names: found, inside, and small enough, before Mitsuba reads them.
+
+Enters: parsed nodes. Leaves: `Assets`, what each node's file holds, with totals for the memory estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from renderer.backend import mitsuba
+from renderer.errors import SceneError
+from renderer.scene.files.mesh import MeshFacts, read_mesh
+from renderer.scene.files.picture import PictureFacts, read_grid, read_picture
+from renderer.scene.limits import MEBIBYTE, SceneLimits
+from renderer.scene.vet.nodes import properties
+
+MESHES = ("ply", "obj", "serialized")
+PICTURES = ("bitmap", "envmap")
+GRIDS = ("gridvolume", "sdfgrid")
+# Measured on Mitsuba 3.9 with Embree: faces and ray-casting structure; positions, normals and texture coordinates.
+TRIANGLE_BYTES, VERTEX_BYTES = 110, 32
+
+
+@dataclass(frozen=True, slots=True)
+class Assets:
+    """What the files hold, by the index of the node that names them.
+
+    paths: file of each such node. memory_bytes: estimate for the scene once loaded.
+    """
+
+    paths: dict[int, Path] = field(default_factory=dict)
+    meshes: dict[int, MeshFacts] = field(default_factory=dict)
+    pictures: dict[int, PictureFacts] = field(default_factory=dict)
+    triangles: int = 0
+    texture_pixels: int = 0
+    memory_bytes: int = 0
+
+
+def look(state: Any, resolve: Callable[[str], Path], limits: SceneLimits, place: Any, *, exact: bool) -> Assets:
+    """Looks at every file that the nodes name. resolve: name → path; place: node → "file:line".
+
+    exact: see `read_mesh`. Raises SceneError for files that are missing, damaged or too large.
+    """
+    mi = mitsuba()
+    paths: dict[int, Path] = {}
+    meshes: dict[int, MeshFacts] = {}
+    pictures: dict[int, PictureFacts] = {}
+    seen: dict[tuple[Path, int], Any] = {}
+    triangles = texture_pixels = memory = 0
+    for index, node in enumerate(state.nodes):
+        if node.type in (mi.ObjectType.Integrator, mi.ObjectType.Sampler, mi.ObjectType.Film):
+            continue
+        values = dict(properties(node))
+        plugin, name = node.props.plugin_name(), values.get("filename")
+        if not isinstance(name, str):
+            continue
+        path = paths[index] = resolve(name)
+        if not path.is_file():
+            what = "is a folder" if path.is_dir() else "is missing"
+            raise SceneError(f"{place(node)}: {name[:200]!r} {what}; put that file beside the scene")
+        key = (path, int(values.get("shape_index", 0) or 0))
+        try:
+            if plugin in MESHES:
+                mesh = seen[key] = seen.get(key) or read_mesh(path, plugin, key[1], exact=exact)
+                meshes[index] = mesh
+                triangles += mesh.triangles
+                memory += mesh.triangles * TRIANGLE_BYTES + mesh.vertices * VERTEX_BYTES
+            elif plugin in PICTURES:
+                picture = pictures[index] = seen.get(key) or read_picture(path)
+                if key not in seen:
+                    pixels = picture.width * picture.height
+                    _check("picture", pixels, limits.texture_pixels, "pixels", f"{place(node)}: {name!r}")
+                    texture_pixels += pixels
+                    memory += pixels * picture.channels * max(2, picture.value_bytes)
+                seen[key] = picture
+            elif plugin in GRIDS:
+                memory += 4 * read_grid(path)
+            else:
+                memory += 4 * path.stat().st_size
+        except SceneError as error:
+            raise error if str(error).startswith(place(node)) else SceneError(f"{place(node)}: {error}") from None
+        _check("scene", triangles, limits.triangles, "triangles", place(node))
+        if memory > limits.memory_bytes:
+            raise SceneError(
+                f"{place(node)}: the scene would take more than {memory // MEBIBYTE} MiB of memory, and the limit is "
+                f"{limits.memory_bytes // MEBIBYTE} MiB; use smaller pictures, fewer triangles or instances"
+            )
+    return Assets(paths, meshes, pictures, triangles, texture_pixels, memory)
+
+
+def _check(what: str, found: int, limit: int, unit: str, where: str) -> None:
+    if found > limit:
+        raise SceneError(f"{where}: the {what} has {found} {unit}, and the limit is {limit}; use a smaller one")

@@ -1,0 +1,78 @@
+"""Whether anything in a scene depends on wavelength: if not, one channel says all that three would.
+
+Looked at in the parsed form, so that the variant can be chosen before anything is instantiated. Whatever is not known
+to be grey counts as coloured.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from renderer.backend import mitsuba
+from renderer.errors import SceneError
+from renderer.scene.assets import Assets
+from renderer.scene.files.picture import has_colour
+from renderer.scene.vet.nodes import properties
+
+# Measured spectra, skies, and attributes that come with a mesh.
+_COLOURED = frozenset(
+    "blackbody hair irregular measured measured_polarized mesh_attribute regular rawconstant specfilm sunsky "
+    "timed_sunsky gridvolume".split()
+)
+_NOT_A_COLOUR = frozenset({"normalmap", "bumpmap"})  # their texture is geometry
+_NAMED_MATERIALS = ("none", "")
+
+
+def coloured_by(state: Any, assets: Assets) -> str | None:
+    """What makes the scene coloured, as "diffuse reflectance" or a file's name; None for a scene without colour."""
+    geometry = _geometry_textures(state)
+    pictures: list[Path] = []
+    mi = mitsuba()
+    skipped = (mi.ObjectType.Integrator, mi.ObjectType.Sampler, mi.ObjectType.Film, mi.ObjectType.Sensor)
+    for index, node in enumerate(state.nodes):
+        plugin = node.props.plugin_name()
+        if plugin == "specfilm" or (plugin in _COLOURED and node.type not in skipped):
+            return plugin
+        if node.type in skipped or index in geometry:
+            continue
+        is_light = node.type == mi.ObjectType.Emitter
+        for key, value in properties(node):
+            if _is_coloured(key, value, is_light):
+                return f"{plugin} {key}"
+        if index in assets.pictures and assets.pictures[index].channels >= 3:
+            pictures.append(assets.paths[index])
+    for path in dict.fromkeys(pictures):
+        try:
+            if has_colour(path):
+                return path.name
+        except SceneError:
+            return path.name
+    return None
+
+
+def _geometry_textures(state: Any) -> set[int]:
+    """Nodes that stand for bumps and normals."""
+    found = set()
+    kind = mitsuba().Properties.Type.ResolvedReference
+    for node in state.nodes:
+        if node.props.plugin_name() in _NOT_A_COLOUR:
+            for key, value in properties(node):
+                if node.props.type(key) == kind and state.nodes[value.index()].type == mitsuba().ObjectType.Texture:
+                    found.add(value.index())
+    return found
+
+
+def _is_coloured(key: str, value: Any, is_light: bool) -> bool:
+    name = type(value).__name__
+    if "Color" in name:
+        channels = np.array(value, dtype=np.float64)
+        return bool(np.ptp(channels) > 0)
+    if name == "Spectrum":
+        # A light of constant spectrum is not white: white is the light of day (D65).
+        return is_light or (not value.is_uniform() and len(set(value.values)) > 1)
+    if key == "material" and isinstance(value, str):
+        return value.lower() not in _NAMED_MATERIALS
+    return False

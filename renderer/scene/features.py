@@ -1,0 +1,89 @@
+"""What a kernel for a scene has to contain: told from the plugins alone, and never too little.
+
+Enters: parsed nodes. Leaves: `Features`. The flags of Mitsuba's BSDF plugins are those of its documentation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from renderer.backend import mitsuba
+from renderer.scene.vet.nodes import properties
+
+# Wrappers (twosided, mask, blendbsdf, bumpmap, normalmap) have the lobes of what they wrap.
+_WRAPPERS = frozenset("twosided mask blendbsdf bumpmap normalmap".split())
+_DELTA_ONLY = frozenset("conductor dielectric thindielectric null polarizer retarder circular".split())
+_DELTA = _DELTA_ONLY | frozenset("plastic mask".split())
+_NULL = frozenset("null mask thindielectric polarizer retarder circular".split())
+_ONE_SIDED = frozenset("diffuse conductor roughconductor plastic roughplastic pplastic measured".split()) | _WRAPPERS
+_ENVIRONMENTS = frozenset("constant envmap sunsky timed_sunsky".split())
+_POINTS = frozenset("point spot projector directional directionalarea".split())
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """has_delta: some BSDF has mirror or clear-glass lobes. has_smooth: some has others. has_null: light may pass a
+    surface unchanged. has_transmission: light may pass a surface. has_environment: light may come from a miss.
+    has_point_lights: lights that no ray can hit. reflects: some light may be reflected at all. needs_time: the picture
+    depends on the time within the shutter's opening (nothing moves in Mitsuba 3).
+    """
+
+    has_delta: bool
+    has_smooth: bool
+    has_null: bool
+    has_transmission: bool
+    has_environment: bool
+    has_point_lights: bool
+    reflects: bool
+    needs_time: bool = False
+
+
+def of(state: Any) -> Features:
+    """The features that the nodes need."""
+    mi = mitsuba()
+    nodes = list(state.nodes)
+    bsdfs = {node.props.plugin_name() for node in nodes if node.type == mi.ObjectType.BSDF}
+    emitters = {node.props.plugin_name() for node in nodes if node.type == mi.ObjectType.Emitter}
+    if _has_bare_shape(state):
+        bsdfs.add("diffuse")  # Mitsuba's default
+    return Features(
+        has_delta=bool(bsdfs & _DELTA),
+        has_smooth=bool(bsdfs - _DELTA_ONLY - _WRAPPERS),
+        has_null=bool(bsdfs & _NULL),
+        has_transmission=bool(bsdfs - _ONE_SIDED) or "mask" in bsdfs,
+        has_environment=bool(emitters & _ENVIRONMENTS),
+        has_point_lights=bool(emitters & _POINTS),
+        reflects=any(node.type == mi.ObjectType.BSDF and _reflects(state, node) for node in nodes)
+        or _has_bare_shape(state),
+    )
+
+
+def _has_bare_shape(state: Any) -> bool:
+    """Whether a shape has no BSDF of its own; groups and instances need none."""
+    mi = mitsuba()
+    reference = mi.Properties.Type.ResolvedReference
+    for node in state.nodes:
+        if node.type != mi.ObjectType.Shape or node.props.plugin_name() in ("shapegroup", "instance"):
+            continue
+        inner = [value.index() for key, value in properties(node) if node.props.type(key) == reference]
+        if not any(state.nodes[index].type == mi.ObjectType.BSDF for index in inner):
+            return True
+    return False
+
+
+def _reflects(state: Any, node: Any) -> bool:
+    """False where a BSDF is known to send nothing on: diffuse and black, or a wrapper, whose content tells."""
+    plugin = node.props.plugin_name()
+    if plugin in _WRAPPERS:
+        return plugin == "mask"
+    if plugin != "diffuse":
+        return True
+    value = dict(properties(node)).get("reflectance")
+    if value is None or "Reference" in type(value).__name__:
+        return True
+    if type(value).__name__ == "Spectrum":
+        return any(value.values)
+    return bool(np.any(np.array(value, dtype=np.float64) != 0))

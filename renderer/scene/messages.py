@@ -1,0 +1,46 @@
+"""Mitsuba's messages as people want them: file:line, no source positions, and what to do about it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from renderer.backend import mitsuba
+
+_HINTS = (
+    (r"unreferenced|unqueried|not queried|unused", "remove that property or mend its name"),
+    (
+        r"reference to unknown|unresolved reference|not find referenced|undefined reference",
+        "define an object with that id",
+    ),
+    (r"does not exist|not found!|could not be (found|opened)|unable to open|cannot open", "check the name"),
+    (r"could not (convert|parse)|invalid (number|value)|parse (floating|integer)", "write a number"),
+)
+_MAX_LENGTH = 600
+
+
+def place_of(state: Any, node: Any, folders: tuple[str, ...]) -> str:
+    """Where a node stands: "scene.xml:12", or "scene.ball" in a dictionary."""
+    return located(mitsuba().parser.file_location(state, node), folders)
+
+
+def plain(message: str, folders: tuple[str, ...]) -> str:
+    """A message of Mitsuba's without its source positions, places as file:line, and a way out where one is known."""
+    lines = [line.strip() for line in message.splitlines() if line.strip()]
+    kept = [re.sub(r"\[[a-z_]+\.(cpp|h):\d+\]\s*", "", line) for line in lines]
+    text = located(" ".join(kept)[:_MAX_LENGTH], folders).rstrip(".!")
+    text = re.sub(r"^(At|Error while loading)\s+", "", text)
+    for pattern, hint in _HINTS:
+        if re.search(pattern, text, re.IGNORECASE):
+            return f"{text}; {hint}"
+    return text
+
+
+def located(text: str, folders: tuple[str, ...]) -> str:
+    """Text with Mitsuba's places in short form, and paths relative to the scene's folder."""
+    for folder in dict.fromkeys([*folders, *(str(Path(folder).resolve()) for folder in folders)]):
+        text = text.replace(folder.rstrip("/\\") + "/", "").replace(folder.rstrip("/\\") + "\\", "")
+    text = re.sub(r" \(line (\d+), col \d+\)", r":\1", text)
+    text = re.sub(r'dictionary node "root"', "scene", text)
+    return re.sub(r'dictionary node "([^"]*)"', r"scene.\1", text)

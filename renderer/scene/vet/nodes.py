@@ -1,0 +1,76 @@
+"""Looks at the parsed nodes: plugins, file names, and numbers, now that every parameter has its value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from renderer.backend import mitsuba
+from renderer.errors import SceneError
+from renderer.scene.limits import SceneLimits
+from renderer.scene.vet.plugins import check_plugin
+from renderer.scene.vet.references import is_outside, leads_out
+
+_MAY_BE_INFINITE = frozenset({"far_clip"})
+
+
+def check_nodes(state: Any, folder: Path | None, limits: SceneLimits, place: Any) -> None:
+    """Refuses plugins that are not allowed, file names that lead out of `folder`, and numbers that are none.
+
+    place: node → "file:line". Raises SceneError.
+    """
+    mi = mitsuba()
+    never_loaded = (mi.ObjectType.Integrator, mi.ObjectType.Sampler)
+    for node in state.nodes:
+        if node.type not in never_loaded:
+            check_plugin(node.props.plugin_name(), place(node))
+        for key, value in properties(node):
+            if isinstance(value, str):
+                _check_text(key, value, folder, limits, place, node)
+            elif key not in _MAY_BE_INFINITE and not _is_finite(value):
+                raise SceneError(f"{place(node)}: {key} is {_shown(value)}; write finite numbers")
+
+
+def properties(node: Any) -> Iterator[tuple[str, Any]]:
+    """Names and values of a node's properties, references included, without marking them as used.
+
+    Mitsuba refuses properties that nobody reads; reading them here must not hide a spelling mistake from it.
+    """
+    props = node.props
+    for key in props.keys():  # noqa: SIM118 (Mitsuba's Properties is no mapping)
+        was_queried = props.was_queried(key)
+        value = props[key]
+        props.mark_queried(key, was_queried)
+        yield key, value
+
+
+def _check_text(key: str, value: str, folder: Path | None, limits: SceneLimits, place: Any, node: Any) -> None:
+    if not limits.is_confined or folder is None:
+        return
+    is_file = key.lower().endswith("filename")
+    if (is_file and is_outside(value, folder, folder)) or (not is_file and leads_out(value)):
+        raise SceneError(f"{place(node)}: {value[:200]!r} is outside the upload; put the file beside the scene")
+
+
+def _is_finite(value: Any) -> bool:
+    if isinstance(value, bool):
+        return True
+    if isinstance(value, (int, float)):
+        return math.isfinite(value)
+    name = type(value).__name__
+    if "Transform" in name:
+        return bool(np.isfinite(np.array(value.matrix)).all())
+    if name == "Spectrum":
+        return all(map(math.isfinite, [*value.values, *value.wavelengths]))
+    if "Color" in name or "Array" in name or "Vector" in name or "Point" in name:
+        return bool(np.isfinite(np.array(value, dtype=np.float64)).all())
+    return True
+
+
+def _shown(value: Any) -> str:
+    text = " ".join(str(np.array(value.matrix).tolist() if hasattr(value, "matrix") else value).split())
+    return text if len(text) < 80 else text[:77] + "…"

@@ -1,0 +1,99 @@
+"""Facts about colour: a scene counts as colourless only where one channel says all that three would."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from renderer.backend import mitsuba
+from renderer.image.picture import write_png
+from renderer.progress import render
+from renderer.scene.compile import load_scene
+from renderer.scene.requirements import Requirements, measure
+from renderer.scene.source import parse
+from renderer.settings import Settings, Target
+
+GREY = {"type": "rgb", "value": [0.3, 0.3, 0.3]}
+RED = {"type": "rgb", "value": [0.3, 0.2, 0.2]}
+
+
+def scene(bsdf: dict[str, Any] | None = None, light: dict[str, Any] | None = None) -> dict[str, Any]:
+    return {
+        "type": "scene",
+        "sensor": {
+            "type": "perspective",
+            "to_world": mitsuba().ScalarTransform4f().look_at([0, 0, -4], [0, 0, 0], [0, 1, 0]),
+            "film": {"type": "hdrfilm", "width": 8, "height": 8},
+        },
+        "ball": {"type": "sphere", "bsdf": bsdf or {"type": "diffuse", "reflectance": GREY}},
+        "light": light or {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}},
+    }
+
+
+def measured(**changes: Any) -> Requirements:
+    return measure(parse(scene(**changes)))
+
+
+COLOURLESS = [
+    {},
+    {"bsdf": {"type": "diffuse", "reflectance": 0.4}},
+    {"bsdf": {"type": "diffuse"}},
+    {"bsdf": {"type": "dielectric"}},
+    {"bsdf": {"type": "conductor"}},
+    {"bsdf": {"type": "roughconductor", "eta": 0.3, "k": 3.0}},
+    {"bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 0.4}}},
+    {"light": {"type": "constant"}},
+    {"light": {"type": "point", "intensity": 3.0}},
+    {"light": {"type": "constant", "radiance": {"type": "d65", "scale": 2.0}}},
+]
+COLOURED = [
+    ({"bsdf": {"type": "diffuse", "reflectance": RED}}, "diffuse reflectance"),
+    ({"bsdf": {"type": "conductor", "material": "Au"}}, "conductor material"),
+    ({"bsdf": {"type": "twosided", "inner": {"type": "diffuse", "reflectance": RED}}}, "diffuse reflectance"),
+    ({"bsdf": {"type": "diffuse", "reflectance": {"type": "checkerboard", "color0": RED}}}, "checkerboard color0"),
+    (
+        {"bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": [(400, 0.1), (700, 0.2)]}}},
+        "diffuse reflectance",
+    ),
+    ({"bsdf": {"type": "principled", "base_color": RED}}, "principled base_color"),
+    ({"light": {"type": "constant", "radiance": RED}}, "constant radiance"),
+    ({"light": {"type": "constant", "radiance": {"type": "spectrum", "value": 1.0}}}, "constant radiance"),
+    ({"light": {"type": "constant", "radiance": {"type": "blackbody", "temperature": 5000}}}, "blackbody"),
+    ({"light": {"type": "sunsky"}}, "sunsky"),
+]
+
+
+@pytest.mark.parametrize("changes", COLOURLESS, ids=str)
+def test_a_scene_of_greys_needs_one_channel_and_renders_grey(changes: dict[str, Any]) -> None:
+    found = measured(**changes)
+    assert (found.is_coloured, found.coloured_by, found.variant) == (False, None, "mono")
+    image = render(load_scene(scene(**changes)), Target(spp=16), Settings(seed=1)).mean
+    assert np.allclose(image, image[..., :1], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("changes", "named"), COLOURED, ids=str)
+def test_what_is_coloured_is_named(changes: dict[str, Any], named: str) -> None:
+    found = measured(**changes)
+    assert (found.is_coloured, found.coloured_by, found.variant) == (True, named, "rgb")
+
+
+@pytest.mark.parametrize(("picture", "is_coloured"), [((9, 9, 9), False), ((255, 255, 255), False), ((9, 9, 60), True)])
+def test_a_picture_is_coloured_if_one_pixel_is(
+    tmp_path: Path, picture: tuple[int, int, int], is_coloured: bool
+) -> None:
+    pixels = np.full((100, 70, 3), 100, np.uint8)
+    pixels[99, 69] = picture
+    write_png(str(tmp_path / "t.png"), pixels)
+    texture = {"type": "bitmap", "filename": str(tmp_path / "t.png")}
+    found = measured(bsdf={"type": "diffuse", "reflectance": texture})
+    assert found.coloured_by == ("t.png" if is_coloured else None)
+
+
+def test_a_normal_map_is_no_colour(tmp_path: Path) -> None:
+    write_png(str(tmp_path / "n.png"), np.full((2, 2, 3), (128, 128, 255), np.uint8))
+    normals = {"type": "bitmap", "filename": str(tmp_path / "n.png"), "raw": True}
+    bsdf = {"type": "normalmap", "normalmap": normals, "bsdf": {"type": "diffuse", "reflectance": GREY}}
+    assert not measured(bsdf=bsdf).is_coloured
