@@ -209,7 +209,43 @@ export interface Readiness {
   renderer: "warm" | "starting" | "down";
 }
 
-/** An uploaded scene. */
+/** What a scene requires. A kind of plugin is counted by name; low and high bound the scene in its own units. */
+export interface Requirements {
+  name: string;
+  digest: string;
+  width: number;
+  height: number;
+  load_seconds: number | null;
+  shapes: Record<string, number>;
+  triangles: number;
+  emitters: Record<string, number>;
+  bsdfs: Record<string, number>;
+  textures: Record<string, number>;
+  texture_pixels: number;
+  media: Record<string, number>;
+  sensors: Record<string, number>;
+  /** estimated, of the loaded scene without the picture */
+  memory_bytes: number;
+  low: number[] | null;
+  high: number[] | null;
+  is_coloured: boolean;
+  coloured_by: string | null;
+  variant: "mono" | "rgb" | "spectral";
+  /** what the kernel has to contain */
+  features: string[];
+  /** as the scene asks; -1 = unlimited */
+  max_depth: number;
+  depth_advice: string;
+  /** whether anything moves while the shutter is open */
+  needs_time: boolean;
+  /** what was dropped or rewritten */
+  notes: string[];
+  /** numerical risks, each as 'name: sentence' */
+  warnings: string[];
+  unsupported: string[];
+}
+
+/** An uploaded scene. requirements: null for a scene taken in by an older version. */
 export interface Scene {
   id: string;
   name: string;
@@ -217,6 +253,7 @@ export interface Scene {
   height: number;
   digest: string;
   warnings: string[];
+  requirements?: Requirements | null;
 }
 
 /** Which scene: one of the gallery by name, or an uploaded one by id. */

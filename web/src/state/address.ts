@@ -56,8 +56,6 @@ export function hashOf(address: Address): string {
   }
 }
 
-export const jobAddress = (id: string): string => `#/jobs/${encodeURIComponent(id)}`;
-
 const suffix = (query: URLSearchParams): string => (query.size > 0 ? `?${query}` : '');
 
 /** A link cut off inside an escape is still an address, of nothing that exists. */

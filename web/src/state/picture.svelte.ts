@@ -19,13 +19,14 @@ export interface Probe {
 
 export class Picture {
   id = $state<string | null>(null);
-  isUnknown = $state(false);
+  private isMissing = $state(false);
   frame = $state.raw<HeldFrame | null>(null);
   frameArrived = $state(0);
   trouble = $state<string | null>(null);
   /** The service's reading of the probed pixel: channel-wise errors, samples, replicates, trust. */
   pixel = $state.raw<PixelReading | null>(null);
 
+  readonly isUnknown: boolean = $derived(this.isMissing || (this.id !== null && board.deleted.has(this.id)));
   readonly job: Job | null = $derived(board.jobs.find((job) => job.id === this.id) ?? null);
   readonly image: Size = $derived({
     width: this.job?.settings.width ?? this.frame?.header.width ?? 1,
@@ -58,11 +59,11 @@ export class Picture {
       this.puller.select(id);
       untrack(() => this.show(null));
       this.trouble = null;
-      this.isUnknown = false;
+      this.isMissing = false;
       if (id === null) return;
       const abort = new AbortController();
       void board.read(id, abort.signal).then((isThere) => {
-        if (!abort.signal.aborted) this.isUnknown = !isThere;
+        if (!abort.signal.aborted) this.isMissing = !isThere;
       });
       return () => abort.abort();
     });

@@ -77,7 +77,7 @@ export class PictureCanvas {
         this.onBlind(message.reason);
         break;
       case 'painted':
-        this.fit(message.canvas);
+        this.fit();
         this.painting?.onPainted();
         this.paintNext();
         break;
@@ -90,11 +90,11 @@ export class PictureCanvas {
     }
   }
 
-  /** One canvas pixel on one device pixel, whatever the size of the viewer. */
-  private fit({ width, height }: { width: number; height: number }): void {
+  /** One canvas pixel on one device pixel: `object-fit` shows the top left corner, as much as there is room for. */
+  private fit(): void {
     const density = window.devicePixelRatio || 1;
-    this.element.style.width = `${width / density}px`;
-    this.element.style.height = `${height / density}px`;
+    this.element.style.width = this.element.style.height = `${100 * density}%`;
+    this.element.style.transform = density === 1 ? '' : `scale(${1 / density})`;
   }
 
   private waiterOf(job: number): Waiter | undefined {

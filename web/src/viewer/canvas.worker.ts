@@ -69,7 +69,7 @@ scope.onmessage = ({ data }) => {
     case 'paint':
       last = data.painting;
       painter?.paint(last);
-      scope.postMessage({ kind: 'painted', canvas: { width: canvas?.width ?? 1, height: canvas?.height ?? 1 } });
+      scope.postMessage({ kind: 'painted' });
       break;
     case 'agree':
       scope.postMessage({ kind: 'answer', job: data.job, value: compare(data.a, data.b) });

@@ -79,4 +79,4 @@ export type FromWorker =
   | { kind: 'blind'; reason: string }
   | { kind: 'answer'; job: number; value: HeldFrame | Agreement | null }
   | { kind: 'refused'; job: number; error: string }
-  | { kind: 'painted'; canvas: Size };
+  | { kind: 'painted' };
