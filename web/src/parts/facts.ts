@@ -7,7 +7,7 @@ export function factsOf(requirements: object, bytes: (n: number) => string): [st
   const facts: [string, string][] = [];
   for (const [key, value] of Object.entries(requirements)) {
     if (ELSEWHERE.has(key)) continue;
-    const shown = key.endsWith('_bytes') && typeof value === 'number' ? bytes(value) : inWords(value, key);
+    const shown = key.endsWith('_bytes') && typeof value === 'number' && value > 0 ? bytes(value) : inWords(value, key);
     if (shown !== '') facts.push([key.replace(/_bytes$/, '').replaceAll('_', ' '), shown]);
   }
   return facts;
