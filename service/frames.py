@@ -2,7 +2,8 @@
 
 Layout, little endian: magic "FRD1", u32 length of the header, JSON header padded with spaces so that the
 planes start at a multiple of 8, then all low bytes of R, of G, of B, of SE, then all high bytes. SE is the
-standard error of luminance; +inf: fewer than two replicates, no error estimate yet.
+standard error of luminance; +inf: fewer than two replicates, no error estimate yet. With maps=1 a fifth
+channel follows SE in both halves: N, the pixel's replicates, not scaled, negative where it is not trusted.
 """
 
 from __future__ import annotations
@@ -28,27 +29,31 @@ MAGIC = b"FRD1"
 MEDIA_TYPE = "application/x-fredholm-frame"
 HALF_MAX = 65504.0
 _SMALLEST_HALF = 2.0**-24
+_MEDIAN_SAMPLES = 1 << 16
 _EXPONENT_LIMIT = 120  # the scale must stay a float32 on the graphics card
 Encoding = Literal["zstd", "gzip", "identity"]
 
 
-def encode_frame(display: Display, reduce: Literal[1, 2] = 1) -> bytes:
-    """The uncompressed body of one frame."""
-    planes = np.empty((display.height, display.width, 4), dtype=np.float32)
-    planes[..., :3] = display.radiance
-    planes[..., 3] = np.where(display.replicates < 2, np.float32(np.inf), display.standard_error[..., 3])
+def encode_frame(display: Display, reduce: Literal[1, 2] = 1, *, has_maps: bool = False) -> bytes:
+    """The uncompressed body of one frame; `has_maps` adds N."""
+    planes = np.empty((4, display.height, display.width), dtype=np.float32)
+    for channel in range(3):
+        planes[channel] = display.radiance[..., channel]
+    np.copyto(planes[3], display.standard_error[..., 3])
+    planes[3][display.replicates < 2] = np.inf
     if reduce == 2:
         planes = _halved(planes)
-    height, width = planes.shape[:2]
     scale = scale_for(planes)
     halves, clamped = _to_half(planes, scale)
-    low_high = halves.transpose(2, 0, 1).reshape(-1).view(np.uint8).reshape(-1, 2)
-    spp = display.replicates.astype(np.float64) * display.replicate_size
+    if has_maps:
+        halves = np.concatenate([halves, _replicate_map(display, reduce)[None]])
+    height, width = halves.shape[1:]
+    spp = display.replicates * float(display.replicate_size)
     header = FrameHeader(
         seq=display.seq,
         width=width,
         height=height,
-        channels=["R", "G", "B", "SE"],
+        channels=["R", "G", "B", "SE", "N"] if has_maps else ["R", "G", "B", "SE"],
         spp_min=float(spp.min()),
         spp_max=float(spp.max()),
         spp_mean=float(spp.mean()),
@@ -65,19 +70,22 @@ def encode_frame(display: Display, reduce: Literal[1, 2] = 1) -> bytes:
     )
     text = json.dumps(header.model_dump()).encode()
     padded = text.ljust(-(-(8 + len(text)) // 8) * 8 - 8)
-    return b"".join((MAGIC, struct.pack("<I", len(padded)), padded, low_high.T.tobytes()))
+    bits = halves.view(np.uint16)
+    low, high = bits.astype(np.uint8), (bits >> 8).astype(np.uint8)
+    return b"".join((MAGIC, struct.pack("<I", len(padded)), padded, low.tobytes(), high.tobytes()))
 
 
 def decode_frame(body: bytes) -> tuple[FrameHeader, NDArray[np.float64]]:
-    """Header and planes (H, W, 4) of an uncompressed body: the inverse of `encode_frame`, up to rounding."""
+    """Header and planes (H, W, 4 or 5) of an uncompressed body: the inverse of `encode_frame`, up to rounding."""
     if body[:4] != MAGIC:
         raise ValueError(f"a frame starts with {MAGIC!r}, this starts with {body[:4]!r}")
     (length,) = struct.unpack_from("<I", body, 4)
     header = FrameHeader.model_validate_json(body[8 : 8 + length])
     low_high = np.frombuffer(body, dtype=np.uint8, offset=8 + length).reshape(2, -1)
     halves = np.ascontiguousarray(low_high.T).view(np.float16)
-    planes = halves.reshape(4, header.height, header.width).transpose(1, 2, 0)
-    return header, planes.astype(np.float64) / header.scale
+    planes = halves.reshape(len(header.channels), header.height, header.width).transpose(1, 2, 0).astype(np.float64)
+    planes[..., :4] /= header.scale
+    return header, planes
 
 
 def scale_for(planes: NDArray[np.float32]) -> float:
@@ -86,48 +94,64 @@ def scale_for(planes: NDArray[np.float32]) -> float:
     Where one huge value would push the typical ones into the denormals, the typical ones win and the huge is
     clamped.
     """
-    size = np.abs(planes)
-    positive = size[np.isfinite(size) & (size > 0)]
-    if positive.size == 0:
+    size = np.abs(planes).ravel()
+    finite = np.isfinite(size)
+    largest = float(size.max(initial=0.0, where=finite))
+    if largest == 0:
         return 1.0
     # 2^15 ≤ largest · 2^exponent·2 < 2^16
-    exponent = 15 - math.frexp(float(positive.max()))[1]
-    typical = math.frexp(float(np.median(positive)))[1]
-    exponent = max(exponent, -8 - typical)
+    exponent = 15 - math.frexp(largest)[1]
+    some = size[:: max(1, size.size // _MEDIAN_SAMPLES)]
+    some = some[np.isfinite(some) & (some > 0)]
+    if some.size:
+        exponent = max(exponent, -8 - math.frexp(float(np.median(some)))[1])
     return math.ldexp(1.0, max(-_EXPONENT_LIMIT, min(_EXPONENT_LIMIT, exponent)))
 
 
 def _to_half(planes: NDArray[np.float32], scale: float) -> tuple[NDArray[np.float16], int]:
-    """Halves of planes · scale: finite stays finite, a positive error stays positive.
+    """Halves of planes (4, H, W) · scale: finite stays finite, a positive error stays positive.
 
     And how many were clamped.
     """
-    scaled = planes.astype(np.float64) * scale
-    over = np.isfinite(scaled) & (np.abs(scaled) > HALF_MAX)
-    clamped = int(over.sum())
-    if clamped:
-        scaled[over] = np.copysign(HALF_MAX, scaled[over])
-    # 0 ± 0 means "no estimate yet": rounding must not make it.
-    error = scaled[..., 3]
-    error[(error > 0) & (error < _SMALLEST_HALF)] = _SMALLEST_HALF
-    return scaled.astype(np.float16), clamped
+    with np.errstate(over="ignore", under="ignore"):
+        scaled = planes * np.float32(scale)
+        over = (np.abs(scaled) > HALF_MAX) & np.isfinite(planes)
+        clamped = int(np.count_nonzero(over))
+        if clamped:
+            scaled[over] = np.copysign(np.float32(HALF_MAX), planes[over])
+        # 0 ± 0 means "no estimate yet": rounding must not make it.
+        error = scaled[3]
+        error[(planes[3] > 0) & (error < _SMALLEST_HALF)] = _SMALLEST_HALF
+        return scaled.astype(np.float16), clamped
+
+
+def _replicate_map(display: Display, reduce: Literal[1, 2]) -> NDArray[np.float16]:
+    """N (H, W): replicates, negative where not trusted. Of 2×2 pixels: the fewest, trusted only if all are."""
+    count = np.minimum(display.replicates, HALF_MAX).astype(np.float32)
+    signed = np.where(display.trusted, count, -count)
+    if reduce == 2:
+        height, width = signed.shape
+        padded = np.pad(signed, ((0, height % 2), (0, width % 2)), mode="edge")
+        four = np.stack([padded[0::2, 0::2], padded[1::2, 0::2], padded[0::2, 1::2], padded[1::2, 1::2]])
+        signed = np.copysign(np.abs(four).min(axis=0), np.where(np.signbit(four).any(axis=0), -1.0, 1.0))
+    return signed.astype(np.float16)
 
 
 def _halved(planes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Mean of 2×2 pixels; the standard error of a mean of n independent pixels is √ΣSE²/n.
+    """Mean of 2×2 pixels of planes (4, H, W); the standard error of a mean of n independent pixels is √ΣSE²/n.
 
     Odd edges: of 1 or 2.
     """
-    height, width = planes.shape[:2]
+    height, width = planes.shape[1:]
     even = ((0, height % 2), (0, width % 2))
     total = planes.astype(np.float64)
-    total[..., 3] **= 2
-    total = np.pad(total, (*even, (0, 0)))
+    total[3] **= 2
+    total = np.pad(total, ((0, 0), *even))
     n = np.pad(np.ones((height, width)), even)
-    total = total[0::2, 0::2] + total[1::2, 0::2] + total[0::2, 1::2] + total[1::2, 1::2]
+    total = total[:, 0::2, 0::2] + total[:, 1::2, 0::2] + total[:, 0::2, 1::2] + total[:, 1::2, 1::2]
     n = n[0::2, 0::2] + n[1::2, 0::2] + n[0::2, 1::2] + n[1::2, 1::2]
-    total[..., 3] = np.sqrt(total[..., 3])
-    return (total / n[..., None]).astype(np.float32)
+    total[3] = np.sqrt(total[3])
+    return (total / n).astype(np.float32)
 
 
 def choose_encoding(accept: str) -> Encoding:

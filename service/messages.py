@@ -315,7 +315,7 @@ class FrameHeader(BaseModel):
     seq: int
     width: int = Field(description="of the planes, after reduction")
     height: int
-    channels: list[Literal["R", "G", "B", "SE"]]
+    channels: list[Literal["R", "G", "B", "SE", "N"]]
     spp_min: float
     spp_max: float
     spp_mean: float

@@ -55,6 +55,8 @@ _writer = ThreadPoolExecutor(1, thread_name_prefix="save")
 def begin(displays: Path | None) -> None:
     """Set up a fresh process: it must not outlive its server, nor die of Ctrl-C before it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(10)  # whoever looks at pictures, and the server that sends them, go before whoever makes them
     threading.Thread(target=_exit_with_parent, args=(displays,), name="parent-watch", daemon=True).start()
 
 

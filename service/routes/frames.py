@@ -44,6 +44,7 @@ async def latest_frame(
     service: ServiceContext,
     after: Annotated[int, Query(ge=0, description="sequence number of the newest frame at hand")] = 0,
     scale: Annotated[Literal["1", "2"], Query(description="2: half the width and height")] = "1",
+    maps: Annotated[Literal["0", "1"], Query(description="1: with the channel N, replicates and trust")] = "0",
     accept_encoding: Annotated[str, Header()] = "",
     if_none_match: Annotated[str, Header()] = "",
 ) -> Response:
@@ -53,29 +54,39 @@ async def latest_frame(
         return Response(status_code=204, headers={"X-Frame-Seq": str(job.progress.frame_seq)})
     encoding = frames.choose_encoding(accept_encoding)
     reduce: Literal[1, 2] = 2 if scale == "2" else 1
-    tag = f'"{job_id}-{job.progress.frame_seq}-{reduce}-{encoding}"'
+    has_maps = maps == "1"
+
+    def tag_of(seq: int) -> str:
+        return f'"{job_id}-{seq}-{reduce}-{maps}-{encoding}"'
+
+    tag = tag_of(job.progress.frame_seq)
     headers = {"Cache-Control": "no-cache", "Vary": "Accept-Encoding", "ETag": tag}
     headers["X-Frame-Seq"] = str(job.progress.frame_seq)
     if tag in if_none_match:
         return Response(status_code=304, headers=headers)
     display = await _display(service, job)
-    headers |= {"X-Frame-Seq": str(display.seq), "ETag": f'"{job_id}-{display.seq}-{reduce}-{encoding}"'}
-    body = await _frame_body(service, job_id, display, reduce, encoding)
+    headers |= {"X-Frame-Seq": str(display.seq), "ETag": tag_of(display.seq)}
+    body = await _frame_body(service, job_id, display, reduce, has_maps, encoding)
     if encoding != "identity":
         headers["Content-Encoding"] = encoding
     return Response(body, media_type=frames.MEDIA_TYPE, headers=headers)
 
 
 async def _frame_body(
-    service: Service, job_id: str, display: Display, reduce: Literal[1, 2], encoding: frames.Encoding
+    service: Service,
+    job_id: str,
+    display: Display,
+    reduce: Literal[1, 2],
+    has_maps: bool,
+    encoding: frames.Encoding,
 ) -> bytes:
     """Encoded once for all who ask, and only when someone does."""
-    key = (job_id, display.seq, reduce, encoding)
+    key = (job_id, display.seq, reduce, has_maps, encoding)
     async with service.frames.making(key):
         body = service.frames.get(key)
         if body is None:
             body = await asyncio.to_thread(
-                lambda: frames.compress(frames.encode_frame(display, reduce=reduce), encoding)
+                lambda: frames.compress(frames.encode_frame(display, reduce, has_maps=has_maps), encoding)
             )
             service.frames.put(key, body)
     return body

@@ -7,6 +7,7 @@ import gzip
 import math
 import struct
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -175,3 +176,20 @@ def test_a_display_file_reads_back_as_written_even_after_it_is_replaced(tmp_path
     np.testing.assert_array_equal(mapped.standard_error, first.standard_error)
     np.testing.assert_array_equal(mapped.replicates, first.replicates)
     assert (mapped.seq, mapped.width, mapped.height, mapped.replicate_size) == (7, 9, 3, 16)
+
+
+@pytest.mark.parametrize("reduce", [1, 2])
+def test_maps_carry_replicates_and_trust_unscaled(reduce: Literal[1, 2]) -> None:
+    shown = display(noise(4, 4) * 1e-3)
+    shown.replicates[:] = [[0, 2, 8, 8], [2, 2, 8, 8], [9, 9, 40, 40], [9, 9, 40, 70_000]]
+    shown.trusted[:2, :2] = False
+    header, planes = decode_frame(encode_frame(shown, reduce, has_maps=True))
+    assert header.channels == ["R", "G", "B", "SE", "N"]
+    assert header.scale > 1
+    trusted = ~np.signbit(planes[..., 4])
+    if reduce == 1:
+        np.testing.assert_array_equal(np.abs(planes[..., 4]), np.minimum(shown.replicates, 65504))
+        np.testing.assert_array_equal(trusted, shown.trusted)
+    else:
+        np.testing.assert_array_equal(np.abs(planes[..., 4]), [[0, 8], [9, 40]])
+        np.testing.assert_array_equal(trusted, [[False, True], [True, True]])

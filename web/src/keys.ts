@@ -1,7 +1,8 @@
 /** The keyboard: one table that the handler obeys and the help shows. */
 export type Action =
   | 'exposureUp' | 'exposureDown' | 'exposureReset' | 'normalise' | 'nextToneMap'
-  | 'toggleError' | 'onlyAbove' | 'fit' | 'actualSize' | 'zoomIn' | 'zoomOut'
+  | 'toggleError' | 'toggleDifference' | 'nextView' | 'onlyAbove' | 'showA' | 'showB' | 'swap' | 'wipe' | 'sideBySide'
+  | 'drawRegion' | 'pauseOrResume' | 'fit' | 'actualSize' | 'zoomIn' | 'zoomOut'
   | 'probeLeft' | 'probeRight' | 'probeUp' | 'probeDown'
   | 'panLeft' | 'panRight' | 'panUp' | 'panDown'
   | 'pin' | 'unpin' | 'nextJob' | 'previousJob' | 'newRender' | 'help'; // prettier-ignore
@@ -13,7 +14,7 @@ export interface Binding {
   /** As printed in the help; bindings with the same text share a line. */
   shown: string;
   does: string;
-  group: 'Picture' | 'View' | 'Probe' | 'Page';
+  group: 'Picture' | 'View' | 'Compare' | 'Probe' | 'Page';
   /** Only while the viewer has the focus. */
   isForViewer?: boolean;
 }
@@ -26,6 +27,13 @@ export const BINDINGS: readonly Binding[] = [
   { action: 'nextToneMap', keys: ['t'], shown: 't', does: 'next tone map', group: 'Picture' },
   { action: 'toggleError', keys: ['h'], shown: 'h', does: 'error map on or off', group: 'Picture' },
   { action: 'onlyAbove', keys: ['u'], shown: 'u', does: 'error map: only pixels above the target', group: 'Picture' },
+  { action: 'nextView', keys: ['v'], shown: 'v', does: 'next view: image, error, samples, trust', group: 'Picture' },
+  { action: 'showA', keys: ['1'], shown: '1', does: 'show A', group: 'Compare' },
+  { action: 'showB', keys: ['2'], shown: '2', does: 'show B', group: 'Compare' },
+  { action: 'swap', keys: ['x'], shown: 'x', does: 'swap A and B', group: 'Compare' },
+  { action: 'wipe', keys: ['w'], shown: 'w', does: 'wipe between A and B', group: 'Compare' },
+  { action: 'sideBySide', keys: ['s'], shown: 's', does: 'side by side', group: 'Compare' },
+  { action: 'toggleDifference', keys: ['d'], shown: 'd', does: 'difference in standard errors', group: 'Compare' },
   { action: 'fit', keys: ['f'], shown: 'f', does: 'fit the picture', group: 'View' },
   { action: 'actualSize', keys: ['0'], shown: '0', does: '100 %: one image pixel per screen pixel', group: 'View' },
   { action: 'zoomIn', keys: ['+', '='], shown: '+', does: 'zoom in (or the wheel)', group: 'View' },
@@ -40,6 +48,8 @@ export const BINDINGS: readonly Binding[] = [
   { action: 'probeDown', keys: ['ArrowDown'], shown: 'arrows', does: 'move the probe', group: 'Probe', isForViewer: true },
   { action: 'pin', keys: ['Enter'], shown: 'Enter', does: 'pin the probe (or click)', group: 'Probe', isForViewer: true },
   { action: 'unpin', keys: ['Escape'], shown: 'Esc', does: 'let the probe follow the pointer', group: 'Probe' },
+  { action: 'drawRegion', keys: ['o'], shown: 'o', does: 'draw a region of interest', group: 'Probe' },
+  { action: 'pauseOrResume', keys: ['p'], shown: 'p', does: 'pause or resume the job', group: 'Page' },
   { action: 'nextJob', keys: ['j'], shown: 'j', does: 'next job', group: 'Page' },
   { action: 'previousJob', keys: ['k'], shown: 'k', does: 'previous job', group: 'Page' },
   { action: 'newRender', keys: ['Shift+N'], shown: 'Shift N', does: 'new render', group: 'Page' },

@@ -2,4 +2,6 @@ import { mount } from 'svelte';
 import App from './App.svelte';
 import './app.css';
 
-export default mount(App, { target: document.getElementById('page')! });
+const page = document.getElementById('page')!;
+page.replaceChildren();
+export default mount(App, { target: page });

@@ -1,19 +1,25 @@
 /** The New render form as a value: what was typed, what is wrong with it, what is sent. */
-import type { GalleryScene, Job, Submission, Target, Technique, UploadedScene } from './api/types';
+import type { GalleryScene, Job, Region, Submission, Target, Technique, UploadedScene } from './api/types';
 
 export type SceneChoice =
   | { kind: 'gallery'; scene: GalleryScene }
   | { kind: 'upload'; scene: UploadedScene };
 
-/** Fields as typed; empty means "the scene's own" or "no such target". */
-export interface Draft {
-  choice: SceneChoice | null;
+/** When to stop, as typed. */
+export interface TargetDraft {
   hasError: boolean;
   errorPercent: string;
   hasSeconds: boolean;
   seconds: string;
   hasSpp: boolean;
   spp: string;
+  /** "x, y, width, height"; empty: the whole picture. */
+  region: string;
+}
+
+/** Fields as typed; empty means "the scene's own" or "no such target". */
+export interface Draft extends TargetDraft {
+  choice: SceneChoice | null;
   width: string;
   height: string;
   maxDepth: string;
@@ -21,7 +27,7 @@ export interface Draft {
   seed: string;
 }
 
-export type DraftErrors = Partial<Record<'scene' | 'target' | 'error' | 'seconds' | 'spp' | 'width' | 'height' | 'max_depth' | 'seed', string>>;
+export type DraftErrors = Partial<Record<'scene' | 'target' | 'error' | 'seconds' | 'spp' | 'region' | 'width' | 'height' | 'max_depth' | 'seed', string>>;
 
 export const TECHNIQUES: readonly { id: Technique; label: string; teaches: string }[] = [
   { id: 'mis', label: 'MIS: both, weighted', teaches: 'BSDF and emitter sampling, weighted. Rarely beaten.' },
@@ -37,6 +43,7 @@ export function freshDraft(): Draft {
     hasError: true, errorPercent: '5',
     hasSeconds: true, seconds: '60',
     hasSpp: false, spp: '256',
+    region: '',
     width: '', height: '',
     maxDepth: '', technique: 'mis', seed: '0',
   }; // prettier-ignore
@@ -55,6 +62,7 @@ export function draftFrom(job: Job, choice: SceneChoice | null): Draft {
     seconds: text(target.seconds, '60'),
     hasSpp: !!target.spp,
     spp: text(target.spp, '256'),
+    region: regionAsTyped(target.region ?? null),
     width: text(settings.width, ''),
     height: text(settings.height, ''),
     maxDepth: settings.max_depth !== null && settings.max_depth > 0 ? text(settings.max_depth, '') : '',
@@ -63,26 +71,59 @@ export function draftFrom(job: Job, choice: SceneChoice | null): Draft {
   };
 }
 
-export function targetOf(draft: Draft): Target {
+export const regionAsTyped = (region: Region | null): string => region?.join(', ') ?? '';
+
+/** The region typed, null for the whole picture. */
+function regionOf(text: string): Region | null | undefined {
+  if (text.trim() === '') return null;
+  const numbers = text.trim().split(/[\s,;×x]+/).map(Number);
+  const isFine = numbers.length === 4 && numbers.every((value) => Number.isInteger(value) && value >= 0) && numbers[2] > 0 && numbers[3] > 0;
+  return isFine ? (numbers as Region) : undefined;
+}
+
+/** What a job that has ended may be continued to: half the error, or twice the time or samples. */
+export function furtherTarget(job: Job, region: Region | null): TargetDraft {
+  const { target, error, seconds, spp } = job;
+  const text = (value: number): string => String(+value.toPrecision(2));
   return {
+    hasError: !!target.error || (!target.seconds && !target.spp),
+    errorPercent: text(Math.max(50 * Math.min(error ?? target.error ?? 0.05, target.error ?? Infinity), 0.01)),
+    hasSeconds: !!target.seconds,
+    seconds: text(Math.max(4 * seconds, 2 * (target.seconds ?? 0), 1)),
+    hasSpp: !!target.spp && !target.error,
+    spp: String(Math.ceil(4 * Math.max(spp, target.spp ?? 0, 1))),
+    region: regionAsTyped(region ?? target.region ?? null),
+  };
+}
+
+export function targetOf(draft: TargetDraft): Target {
+  const region = draft.hasError ? regionOf(draft.region) : null;
+  return {
+    ...(region && { region }),
     ...(draft.hasError && { error: +(Number(draft.errorPercent) / 100).toPrecision(8) }),
     ...(draft.hasSeconds && { seconds: Number(draft.seconds) }),
     ...(draft.hasSpp && { spp: Number(draft.spp) }),
   };
 }
 
-export function errorsOf(draft: Draft): DraftErrors {
+export function targetErrorsOf(draft: TargetDraft): DraftErrors {
   const errors: DraftErrors = {};
-  if (!draft.choice) errors.scene = 'Pick a scene or drop a file.';
   if (!draft.hasError && !draft.hasSeconds && !draft.hasSpp) errors.target = 'Give at least one target.';
   if (draft.hasError) errors.error = outside(draft.errorPercent, 0.01, 100, '%', false);
   if (draft.hasSeconds) errors.seconds = outside(draft.seconds, 0.1, 604_800, 's', false);
   if (draft.hasSpp) errors.spp = outside(draft.spp, 2, 1_048_576, '', true);
+  if (draft.hasError && regionOf(draft.region) === undefined) errors.region = 'Four whole numbers: x, y, width, height.';
+  return without(errors);
+}
+
+export function errorsOf(draft: Draft): DraftErrors {
+  const errors: DraftErrors = targetErrorsOf(draft);
+  if (!draft.choice) errors.scene = 'Pick a scene or drop a file.';
   if (draft.width !== '') errors.width = outside(draft.width, 1, 16_384, 'px', true);
   if (draft.height !== '') errors.height = outside(draft.height, 1, 16_384, 'px', true);
   if (draft.maxDepth !== '') errors.max_depth = outside(draft.maxDepth, 1, 1024, '', true);
   if (draft.seed !== '') errors.seed = outside(draft.seed, 0, 4_294_967_295, '', true);
-  return Object.fromEntries(Object.entries(errors).filter(([, message]) => message !== undefined));
+  return without(errors);
 }
 
 export function submissionOf(draft: Draft): Submission {
@@ -100,6 +141,9 @@ export function submissionOf(draft: Draft): Submission {
     },
   };
 }
+
+const without = (errors: DraftErrors): DraftErrors =>
+  Object.fromEntries(Object.entries(errors).filter(([, message]) => message !== undefined));
 
 function outside(text: string, low: number, high: number, unit: string, isWhole: boolean): string | undefined {
   const value = Number(text);

@@ -1,9 +1,11 @@
 /** Requests to the service. All addresses are relative to the page, and every call takes an AbortSignal. */
+import type { FrameRequest } from '../frame/puller';
 import { Problem, problemFrom } from './problem';
-import type { GalleryScene, Job, PixelReading, Submission, UploadedScene } from './types';
+import type { GalleryScene, Job, PixelReading, Requirements, Submission, Target, UploadedScene } from './types';
 
 export const jobPath = (id: string): string => `api/jobs/${encodeURIComponent(id)}`;
 export const exrPath = (id: string): string => `${jobPath(id)}/image.exr`;
+export const jsonPath = (id: string): string => jobPath(id);
 export const pngPath = (id: string, exposure: number, seq?: number): string =>
   `${jobPath(id)}/image.png?exposure=${exposure}${seq === undefined ? '' : `&seq=${seq}`}`;
 
@@ -25,11 +27,7 @@ export async function postJson<T>(path: string, body: unknown, signal?: AbortSig
 }
 
 export const listGallery = (signal?: AbortSignal): Promise<GalleryScene[]> => getJson('api/gallery', signal);
-
-export async function listScenes(signal?: AbortSignal): Promise<UploadedScene[]> {
-  const answer = await getJson<UploadedScene[] | { scenes: UploadedScene[] }>('api/scenes', signal);
-  return Array.isArray(answer) ? answer : answer.scenes;
-}
+export const listScenes = (signal?: AbortSignal): Promise<UploadedScene[]> => getJson('api/scenes', signal);
 
 export async function listJobs(signal?: AbortSignal): Promise<Job[]> {
   return (await getJson<{ jobs: Job[] }>('api/jobs?limit=200', signal)).jobs;
@@ -39,18 +37,28 @@ export const getJob = (id: string, signal?: AbortSignal): Promise<Job> => getJso
 export const submitJob = (submission: Submission, signal?: AbortSignal): Promise<Job> =>
   postJson('api/jobs', submission, signal);
 export const cancelJob = (id: string): Promise<Job> => postJson(`${jobPath(id)}/cancel`, undefined);
+export const pauseJob = (id: string): Promise<Job> => postJson(`${jobPath(id)}/pause`, undefined);
+export const resumeJob = (id: string): Promise<Job> => postJson(`${jobPath(id)}/resume`, undefined);
+export const continueJob = (id: string, target: Target): Promise<Job> => postJson(`${jobPath(id)}/continue`, { target });
+
+export async function deleteJob(id: string): Promise<void> {
+  const response = await fetch(jobPath(id), { method: 'DELETE', headers: { accept: 'application/json' } });
+  if (!response.ok && response.status !== 404) throw problemFrom(response.status, await response.text());
+}
+
+export const galleryRequirements = (name: string, signal?: AbortSignal): Promise<Requirements> =>
+  getJson(`api/gallery/${encodeURIComponent(name)}/requirements`, signal);
 
 export const readPixel = (id: string, x: number, y: number, signal?: AbortSignal): Promise<PixelReading> =>
   getJson(`${jobPath(id)}/pixel?x=${x}&y=${y}`, signal);
 
 /** Newest frame after `after`, or null when there is none. The browser undoes the content encoding. */
 export async function fetchFrame(
-  id: string,
-  after: number,
-  reduce: 1 | 2,
+  { jobId, after, reduce, hasMaps }: FrameRequest,
   signal: AbortSignal,
 ): Promise<ArrayBuffer | null> {
-  const response = await fetch(`${jobPath(id)}/frames/latest?after=${after}&scale=${reduce}`, { signal });
+  const maps = hasMaps ? '&maps=1' : '';
+  const response = await fetch(`${jobPath(jobId)}/frames/latest?after=${after}&scale=${reduce}${maps}`, { signal });
   if (response.status === 204) return null;
   if (!response.ok) throw problemFrom(response.status, await response.text());
   return await response.arrayBuffer();
@@ -79,14 +87,4 @@ export function uploadScene(
     form.append('file', file);
     request.send(form);
   });
-}
-
-/** The command line that asks for the same render. */
-export function asCurl(job: Job, base: string): string {
-  const scene = job.scene.gallery ? { gallery: job.scene.gallery } : { id: job.scene.id };
-  const present = (record: object): object =>
-    Object.fromEntries(Object.entries(record).filter(([, value]) => value !== null && value !== undefined));
-  const body = JSON.stringify({ scene, target: present(job.target), settings: present(job.settings) });
-  const quoted = body.replaceAll("'", "'\\''");
-  return `curl -sS ${new URL('api/jobs', base).href} -H 'content-type: application/json' -d '${quoted}'`;
 }

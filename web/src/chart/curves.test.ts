@@ -14,8 +14,17 @@ it('lays curve, law and target over the same times', () => {
 });
 
 it('shows nothing before the first measured error', () => {
-  expect(chartData([{ seconds: 1, spp: 1, error: null }], 0.02, null)).toBeNull();
+  expect(chartData([], 0.02, null)).toBeNull();
   expect(chartData(curve, null, { seconds_left: null, low: null, high: null })!.expected).toBeNull();
+});
+
+it('a second curve has its own column over times of both', () => {
+  const against = [3, 16].map((seconds) => ({ seconds, spp: seconds, error: 0.4 }));
+  const data = chartData(curve, null, null, against)!;
+  expect(data.other.filter((value) => value !== null)).toEqual([0.4, 0.4]);
+  expect(data.error.filter((value) => value !== null)).toHaveLength(4);
+  expect(data.xRange[1]).toBeGreaterThan(16);
+  expect(data.yRange[1]).toBeGreaterThan(0.4);
 });
 
 it('ticks are round and few', () => {

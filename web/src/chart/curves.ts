@@ -6,6 +6,8 @@ export interface ChartData {
   /** Seconds, ascending. */
   x: number[];
   error: (number | null)[];
+  /** The curve compared with, if any. */
+  other: (number | null)[];
   root: (number | null)[];
   target: (number | null)[];
   /** Where the forecast expects the target: seconds, with its interval. */
@@ -17,27 +19,37 @@ export interface ChartData {
 const STEPS = [1, 2, 5];
 const DURATIONS = [60, 120, 300, 600, 1200, 1800, 3600, 7200, 18_000, 36_000, 86_400, 172_800, 432_000, 864_000];
 
-export function chartData(curve: readonly CurvePoint[], target: number | null, forecast: Forecast | null): ChartData | null {
-  const points = curve.filter((point) => point.error !== null && point.error > 0 && point.seconds > 0);
+export function chartData(
+  curve: readonly CurvePoint[],
+  target: number | null,
+  forecast: Forecast | null,
+  against: readonly CurvePoint[] = [],
+): ChartData | null {
+  const isShown = (point: CurvePoint): boolean => point.error > 0 && point.seconds > 0;
+  const points = curve.filter(isShown);
+  const others = against.filter(isShown);
   if (points.length === 0) return null;
-  const first = points[0].seconds;
+  const first = Math.min(points[0].seconds, others[0]?.seconds ?? Infinity);
   const last = points[points.length - 1].seconds;
   const left = forecast?.seconds_left ?? null;
   const expected =
     target !== null && left !== null
       ? { at: last + left, low: last + Math.max(forecast?.low ?? left, 0), high: last + Math.min(forecast?.high ?? left, 50 * last) }
       : null;
-  const end = expected ? Math.min(Math.max(expected.at, expected.high), 100 * last) : last * 1.15;
+  const longest = Math.max(last, others.at(-1)?.seconds ?? 0);
+  const end = expected ? Math.max(Math.min(Math.max(expected.at, expected.high), 100 * last), longest) : longest * 1.15;
   const law = rootLaw(points);
   const xRange: [number, number] = [first / 1.25, Math.max(end * 1.1, first * 4)];
-  const x = [...new Set([xRange[0], ...points.map((point) => point.seconds), end, xRange[1]])].sort((a, b) => a - b);
+  const x = [...new Set([xRange[0], ...[...points, ...others].map((point) => point.seconds), end, xRange[1]])].sort((a, b) => a - b);
   const byTime = new Map(points.map((point) => [point.seconds, point.error]));
-  const errors = points.map((point) => point.error!);
+  const byTimeOfOther = new Map(others.map((point) => [point.seconds, point.error]));
+  const errors = [...points, ...others].map((point) => point.error);
   const lowest = Math.min(...errors, target ?? Infinity);
   const highest = Math.max(...errors, target ?? 0);
   return {
     x,
     error: x.map((seconds) => byTime.get(seconds) ?? null),
+    other: x.map((seconds) => byTimeOfOther.get(seconds) ?? null),
     root: x.map((seconds) => (law === null ? null : law / Math.sqrt(seconds))),
     target: x.map(() => target),
     expected,
@@ -78,14 +90,14 @@ export function inWords(
   target: number | null,
   say: { percent: (value: number) => string; duration: (seconds: number) => string },
 ): string {
-  const points = curve.filter((point) => point.error !== null);
+  const points = curve;
   if (points.length === 0) return 'No error has been measured yet.';
   const first = points[0];
   const last = points[points.length - 1];
   const fall =
     points.length === 1
-      ? `The relative error is ${say.percent(last.error!)} after ${say.duration(last.seconds)}.`
-      : `The relative error fell from ${say.percent(first.error!)} after ${say.duration(first.seconds)} to ` +
-        `${say.percent(last.error!)} after ${say.duration(last.seconds)}.`;
+      ? `The relative error is ${say.percent(last.error)} after ${say.duration(last.seconds)}.`
+      : `The relative error fell from ${say.percent(first.error)} after ${say.duration(first.seconds)} to ` +
+        `${say.percent(last.error)} after ${say.duration(last.seconds)}.`;
   return target === null ? fall : `${fall} The target is ${say.percent(target)}.`;
 }

@@ -76,6 +76,7 @@ export function makePlot(element: HTMLElement, first: ChartData): Plot {
         {},
         { stroke: token('--secondary'), width: 1.5, dash: [2, 4], spanGaps: true, points: { show: false } },
         { stroke: token('--warn'), width: 1.5, dash: [8, 5], spanGaps: true, points: { show: false } },
+        { stroke: token('--second'), width: 2, dash: [6, 4], spanGaps: true, points: { show: false } },
         { stroke: token('--accent'), width: 2, spanGaps: true, points: { show: (u) => u.data[0].length < 60, size: 5, fill: token('--accent') } },
       ],
       hooks: { draw: [drawExpected] },
@@ -96,4 +97,4 @@ export function makePlot(element: HTMLElement, first: ChartData): Plot {
   };
 }
 
-const columns = (data: ChartData): uPlot.AlignedData => [data.x, data.root, data.target, data.error];
+const columns = (data: ChartData): uPlot.AlignedData => [data.x, data.root, data.target, data.other, data.error];

@@ -1,6 +1,7 @@
 /**
  * Frame bodies: 4-byte magic, u32 header length (little endian), JSON header, then the low bytes of R, G, B, SE
  * and the high bytes of R, G, B, SE, each width·height long, row 0 at the top. Values are half(value·scale).
+ * A frame with maps has a fifth channel, N: replicates of the pixel, unscaled, negative where it is not trusted.
  */
 import { halfTable } from './half';
 
@@ -19,6 +20,8 @@ export interface FrameHeader {
   reduce: number;
   layout: string;
   filled: boolean;
+  channels: readonly string[];
+  replicate_size: number;
 }
 
 /** What one pass over a frame tells: enough for the histogram, the exposure and the legend. */
@@ -37,7 +40,9 @@ export interface FrameSummary {
 export interface Frame {
   header: FrameHeader;
   /** (height, width, 4) half patterns of R, G, B and the standard error of luminance. */
-  halves: Uint16Array;
+  halves: Uint16Array<ArrayBuffer>;
+  /** (height, width) half patterns of the replicates, negative where not trusted; null in a frame without maps. */
+  counts: Uint16Array<ArrayBuffer> | null;
   summary: FrameSummary;
 }
 
@@ -51,8 +56,8 @@ export class FrameError extends Error {}
 
 export function decodeFrame(body: ArrayBuffer): Frame {
   const header = readHeader(body);
-  const halves = interleave(body, header);
-  return { header, halves, summary: summarise(halves, header.scale) };
+  const { halves, counts } = interleave(body, header);
+  return { header, halves, counts, summary: summarise(halves, header.scale) };
 }
 
 export function readHeader(body: ArrayBuffer): FrameHeader {
@@ -62,22 +67,27 @@ export function readHeader(body: ArrayBuffer): FrameHeader {
   if (8 + length > body.byteLength) throw new FrameError(`frame header of ${length} bytes exceeds the body`);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(body, 8, length))) as FrameHeader;
   if (header.layout !== 'byteplanes-half') throw new FrameError(`unknown frame layout ${header.layout}`);
-  const expected = 8 + length + header.width * header.height * 8;
+  const planes = header.channels.length;
+  if (planes !== 4 && planes !== 5) throw new FrameError(`frame with ${planes} channels, 4 or 5 expected`);
+  const expected = 8 + length + header.width * header.height * 2 * planes;
   if (body.byteLength !== expected)
     throw new FrameError(`frame body has ${body.byteLength} bytes, ${expected} expected for ${header.width}×${header.height}`);
   return { ...header, reduce: header.reduce || 1 };
 }
 
-function interleave(body: ArrayBuffer, header: FrameHeader): Uint16Array {
+function interleave(body: ArrayBuffer, header: FrameHeader): Pick<Frame, 'halves' | 'counts'> {
   const start = 8 + new DataView(body).getUint32(4, true);
   const n = header.width * header.height;
+  const planes = header.channels.length;
   const halves = new Uint16Array(4 * n);
-  for (let channel = 0; channel < 4; channel++) {
+  const counts = planes === 5 ? new Uint16Array(n) : null;
+  for (let channel = 0; channel < planes; channel++) {
     const low = new Uint8Array(body, start + channel * n, n);
-    const high = new Uint8Array(body, start + (4 + channel) * n, n);
-    for (let i = 0, out = channel; i < n; i++, out += 4) halves[out] = low[i] | (high[i] << 8);
+    const high = new Uint8Array(body, start + (planes + channel) * n, n);
+    if (channel === 4) for (let i = 0; i < n; i++) counts![i] = low[i] | (high[i] << 8);
+    else for (let i = 0, out = channel; i < n; i++, out += 4) halves[out] = low[i] | (high[i] << 8);
   }
-  return halves;
+  return { halves, counts };
 }
 
 /**

@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, expect, it, vi } from 'vitest';
-import { decodeFrame, type Frame } from './decode';
+import { decodeFrame } from './decode';
 import { FramePuller, SLOW_TRANSFER_MS } from './puller';
 import { frameBody } from './sample';
 
@@ -7,8 +7,9 @@ interface Request {
   jobId: string;
   after: number;
   reduce: number;
+  hasMaps: boolean;
   signal: AbortSignal;
-  answer: (frame: Frame | null) => void;
+  answer: (body: ArrayBuffer | null) => void;
   fail: (cause: Error) => void;
 }
 
@@ -17,7 +18,7 @@ let shown: string[];
 let clock: number;
 let puller: FramePuller;
 
-const frame = (seq: number, reduce = 1): Frame => decodeFrame(frameBody({ seq, reduce }, [[0, 0, 0, 0]]));
+const frame = (seq: number, reduce = 1): ArrayBuffer => frameBody({ seq, reduce }, [[0, 0, 0, 0]]);
 const settle = async (): Promise<void> => void (await vi.advanceTimersByTimeAsync(0));
 
 beforeEach(() => {
@@ -27,8 +28,9 @@ beforeEach(() => {
   clock = 0;
   puller = new FramePuller({
     source: {
-      pull: (jobId, after, reduce, signal) =>
-        new Promise((answer, fail) => requests.push({ jobId, after, reduce, signal, answer, fail })),
+      fetch: (request, signal) => new Promise((answer, fail) => requests.push({ ...request, signal, answer, fail })),
+      decode: async (body) => decodeFrame(body),
+      drop: ({ header }) => shown.push(`dropped:${header.seq}`),
     },
     onFrame: (jobId, { header }) => shown.push(`${jobId}:${header.seq}`),
     onFailure: (jobId) => shown.push(`${jobId}:failed`),
@@ -97,4 +99,21 @@ it('an empty answer is not asked for again', async () => {
   requests[0].answer(null);
   await settle();
   expect(requests).toHaveLength(1);
+});
+
+it('asks for the same frame again once maps are wanted, and only once', async () => {
+  puller.select('a');
+  puller.wantMaps(true);
+  expect(requests).toHaveLength(0);
+  puller.wantMaps(false);
+  puller.announce('a', 3, true);
+  requests[0].answer(frame(3));
+  await settle();
+  puller.wantMaps(true);
+  expect(requests[1]).toMatchObject({ after: 0, hasMaps: true });
+  requests[1].answer(frame(3));
+  await settle();
+  puller.wantMaps(false);
+  puller.wantMaps(true);
+  expect(requests).toHaveLength(2);
 });

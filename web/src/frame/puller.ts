@@ -5,13 +5,26 @@
  */
 import type { Frame } from './decode';
 
-export interface FrameSource {
-  pull(jobId: string, after: number, reduce: 1 | 2, signal: AbortSignal): Promise<Frame | null>;
+export interface FrameRequest {
+  jobId: string;
+  /** Sequence number of the newest frame at hand. */
+  after: number;
+  reduce: 1 | 2;
+  /** With replicates and trust of every pixel. */
+  hasMaps: boolean;
 }
 
-export interface PullerOptions {
-  source: FrameSource;
-  onFrame: (jobId: string, frame: Frame) => void;
+export interface FrameSource<F extends Frame> {
+  /** The newest frame's bytes, null where there is none newer. */
+  fetch(request: FrameRequest, signal: AbortSignal): Promise<ArrayBuffer | null>;
+  decode(body: ArrayBuffer): Promise<F>;
+  /** Takes back a frame that came too late to be shown. */
+  drop(frame: F): void;
+}
+
+export interface PullerOptions<F extends Frame> {
+  source: FrameSource<F>;
+  onFrame: (jobId: string, frame: F) => void;
   onFailure: (jobId: string, cause: unknown) => void;
   now?: () => number;
 }
@@ -19,17 +32,19 @@ export interface PullerOptions {
 export const SLOW_TRANSFER_MS = 1500;
 const RETRY_MS = 2000;
 
-export class FramePuller {
+export class FramePuller<F extends Frame = Frame> {
   private jobId: string | null = null;
   private wanted = 0;
   private held = 0;
   private heldReduce = 1;
+  private heldMaps = false;
+  private wantsMaps = false;
   private isFinal = false;
   private isSlow = false;
   private abort: AbortController | null = null;
   private retryTimer: ReturnType<typeof setTimeout> | undefined;
 
-  constructor(private readonly options: PullerOptions) {}
+  constructor(private readonly options: PullerOptions<F>) {}
 
   select(jobId: string | null): void {
     if (jobId === this.jobId) return;
@@ -45,6 +60,12 @@ export class FramePuller {
     this.pullIfNeeded();
   }
 
+  /** Whether frames are to come with maps; one held without them is asked for again. */
+  wantMaps(areWanted: boolean): void {
+    this.wantsMaps = areWanted;
+    this.pullIfNeeded();
+  }
+
   /** Drops what is held: after a server restart its sequence numbers mean nothing. */
   forget(): void {
     this.abort?.abort();
@@ -53,6 +74,7 @@ export class FramePuller {
     this.wanted = 0;
     this.held = 0;
     this.heldReduce = 1;
+    this.heldMaps = false;
     this.isFinal = false;
   }
 
@@ -61,7 +83,8 @@ export class FramePuller {
   }
 
   private get isNeeded(): boolean {
-    return this.held < this.wanted || (this.isFinal && this.heldReduce > 1);
+    if (this.wanted === 0) return false;
+    return this.held < this.wanted || (this.isFinal && this.heldReduce > 1) || (this.wantsMaps && !this.heldMaps);
   }
 
   private pullIfNeeded(): void {
@@ -76,20 +99,30 @@ export class FramePuller {
     const now = this.options.now ?? (() => performance.now());
     const started = now();
     const reduce = this.reduce;
-    // A final frame held only as 2×2 means has to be asked for again.
+    const hasMaps = this.wantsMaps;
+    // The newest frame held only as 2×2 means or without maps has to be asked for again.
     const after = this.held >= this.wanted ? 0 : this.held;
     try {
-      const frame = await this.options.source.pull(jobId, after, reduce, abort.signal);
+      const { source } = this.options;
+      const body = await source.fetch({ jobId, after, reduce, hasMaps }, abort.signal);
       if (abort.signal.aborted) return;
+      // The link's time alone: a decoder that has just been started does not make a slow link.
+      if (reduce === 1) this.isSlow = now() - started > SLOW_TRANSFER_MS;
+      const frame = body && (await source.decode(body));
+      if (abort.signal.aborted) {
+        if (frame) source.drop(frame);
+        return;
+      }
       if (frame) {
         this.held = Math.max(this.held, frame.header.seq);
         this.heldReduce = frame.header.reduce;
+        this.heldMaps = hasMaps;
         this.options.onFrame(jobId, frame);
       } else {
         this.held = Math.max(this.held, this.wanted);
         this.heldReduce = 1;
+        this.heldMaps = hasMaps;
       }
-      if (reduce === 1) this.isSlow = now() - started > SLOW_TRANSFER_MS;
       this.abort = null;
       this.pullIfNeeded();
     } catch (cause) {

@@ -44,3 +44,12 @@ export function readPixelOf(frame: Frame, x: number, y: number, replicates?: num
     isRough: n < ENOUGH_REPLICATES,
   };
 }
+
+/** Replicates of image pixel (x, y) and whether its interval is trusted; null in a frame without maps. */
+export function replicatesOf(frame: Frame, x: number, y: number): { replicates: number; isTrusted: boolean } | null {
+  const { header, counts } = frame;
+  if (!counts) return null;
+  const column = Math.min(Math.floor(x / header.reduce), header.width - 1);
+  const bits = counts[Math.min(Math.floor(y / header.reduce), header.height - 1) * header.width + column];
+  return { replicates: halfTable()[bits & 0x7fff], isTrusted: (bits & 0x8000) === 0 };
+}

@@ -87,6 +87,9 @@ export function withError(value: number, half: number): [string, string] {
 /** Time since `from` for a picture's age: "just now", "12 s ago". */
 export const age = (seconds: number): string => (seconds < 2 ? 'just now' : `${roughDuration(seconds)} ago`);
 
+/** When a waiting job is expected to begin. */
+export const startsIn = (seconds: number): string => (seconds < 2 ? 'about to start' : `starts in about ${roughDuration(seconds)}`);
+
 function joined(high: number, highUnit: string, low: number, lowUnit: string): string {
   const head = `${high}${NO_BREAK}${highUnit}`;
   return low === 0 ? head : `${head}${NO_BREAK}${low}${NO_BREAK}${lowUnit}`;

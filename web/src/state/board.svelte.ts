@@ -9,6 +9,8 @@ class Board {
   /** Newest first. */
   jobs = $state.raw<Job[]>([]);
   curves = $state.raw<Record<string, CurvePoint[]>>({});
+  /** Ids of jobs that were deleted while this page was open. */
+  deleted = $state.raw<ReadonlySet<string>>(new Set());
   gallery = $state.raw<GalleryScene[]>([]);
   connection = $state<Connection>('connecting');
   hasList = $state(false);
@@ -60,6 +62,12 @@ class Board {
     this.extendCurve(job);
   }
 
+  /** The job has been deleted. */
+  forget(id: string): void {
+    this.jobs = this.jobs.filter((job) => job.id !== id);
+    this.deleted = new Set([...this.deleted, id]);
+  }
+
   sceneOf(job: Job): GalleryScene | null {
     return this.gallery.find((scene) => scene.name === job.scene.gallery) ?? null;
   }
@@ -81,7 +89,7 @@ class Board {
         this.extendCurve(data as Progress);
         break;
       case 'deleted':
-        this.jobs = this.jobs.filter((job) => job.id !== (data as { id?: string }).id);
+        this.forget((data as { id: string }).id);
         break;
     }
   }

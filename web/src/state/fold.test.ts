@@ -4,7 +4,7 @@ import { withJob, withList, withPoint, withProgress } from './fold';
 
 function job(id: string, changes: Partial<Job> = {}): Job {
   return {
-    id, name: id, scene: { gallery: 'cornell-box' }, state: 'running', target: { error: 0.02 },
+    id, name: id, scene: { gallery: 'cornell-box', id: null, name: 'Cornell box' }, priority: 0, expected_start: null, state: 'running', target: { error: 0.02 },
     settings: { width: 8, height: 8, seed: 0, max_depth: 8, technique: 'mis' },
     created_at: `2026-01-01T00:00:0${id}Z`, started_at: null, finished_at: null, error: 0.1, spp: 4, samples: 256, seconds: 1,
     frame_seq: 3, stopped_by: null, queue_position: null, forecast: null, share_within: null, share_trusted: null, invalid: 0,

@@ -27,9 +27,9 @@ export function withProgress(jobs: readonly Job[], progress: Progress): Job[] {
 /** Appends a point where time has gone on; the service's own curve replaces all of it when it is read anew. */
 export function withPoint(curve: readonly CurvePoint[], progress: Progress | Job): CurvePoint[] {
   const last = curve[curve.length - 1];
-  const isNew = progress.error !== null && progress.error > 0 && (!last || progress.seconds > last.seconds);
-  if (!isNew) return curve as CurvePoint[];
-  return [...curve, { seconds: progress.seconds, spp: progress.spp, error: progress.error }];
+  const { seconds, spp, error } = progress;
+  if (error === null || error <= 0 || (last && seconds <= last.seconds)) return curve as CurvePoint[];
+  return [...curve, { seconds, spp, error }];
 }
 
 function isStale(known: Job, incoming: Job): boolean {

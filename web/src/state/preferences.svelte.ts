@@ -1,5 +1,5 @@
 /** What this browser remembers. Storage may be forbidden; then the choice lasts as long as the page. */
-import type { ToneMap } from '../viewer/painter';
+import type { ToneMap } from '../viewer/scene';
 
 export type Theme = 'dark' | 'light';
 export type Well = 'black' | 'grey' | 'white';

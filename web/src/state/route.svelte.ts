@@ -1,24 +1,63 @@
-/** The address: `#/jobs/ID`. A hash needs no help from the server and works behind any prefix. */
+/** Keeps address and bench in step: a link opens what it names, and what is looked at can be sent as a link. */
+import { type Address, addressOf, hashOf } from './address';
+import { learn } from './learn.svelte';
 import { workbench } from './workbench.svelte';
 
-export function jobIdOf(hash: string): string | null {
-  const match = /^#\/jobs\/([^/]+)$/.exec(hash);
-  return match ? decodeURIComponent(match[1]) : null;
+class Route {
+  page = $state<Address['page']>('start');
 }
 
-export const jobAddress = (id: string): string => `#/jobs/${encodeURIComponent(id)}`;
+export const route = new Route();
 
 export function followAddress(page: Window): () => void {
   const onChange = (): void => {
-    workbench.selectedId = jobIdOf(page.location.hash);
+    const address = addressOf(page.location.hash);
+    route.page = address.page;
+    switch (address.page) {
+      case 'start':
+        workbench.select(null);
+        break;
+      case 'job':
+        workbench.select(address.id, address.against);
+        workbench.mode = address.mode;
+        workbench.layout = address.layout;
+        workbench.setExposure(address.exposure);
+        break;
+      case 'learn':
+        learn.open(address.scene, address.pixel);
+        break;
+    }
   };
   page.addEventListener('hashchange', onChange);
   onChange();
-  return () => page.removeEventListener('hashchange', onChange);
+  const stopWriting = $effect.root(() => {
+    $effect(() => {
+      const address = shown();
+      if (address && page.location.hash !== hashOf(address)) page.history.replaceState(null, '', hashOf(address));
+    });
+  });
+  return () => {
+    stopWriting();
+    page.removeEventListener('hashchange', onChange);
+  };
+}
+
+/** What is looked at now, as an address. Null where nothing is chosen: the address stays as it is. */
+function shown(): Address | null {
+  if (route.page === 'learn') return { page: 'learn', scene: learn.sceneName, pixel: learn.pixel };
+  const { selectedId, againstId, mode, layout, exposure } = workbench;
+  if (selectedId === null) return null;
+  return { page: 'job', id: selectedId, mode, exposure, against: againstId, layout };
+}
+
+/** Goes to a job and keeps the way it is looked at. */
+export function openJob(page: Window, id: string): void {
+  page.location.hash = hashOf({ page: 'job', id, mode: workbench.mode, exposure: workbench.exposure, against: null, layout: workbench.layout });
 }
 
 /** Selects without a history entry: used for the first job shown. */
 export function replaceAddress(page: Window, id: string): void {
-  page.history.replaceState(null, '', jobAddress(id));
-  workbench.selectedId = id;
+  page.history.replaceState(null, '', hashOf({ page: 'job', id, mode: 'image', exposure: 0, against: null, layout: 'wipe' }));
+  route.page = 'job';
+  workbench.select(id);
 }

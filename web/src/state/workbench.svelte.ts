@@ -1,27 +1,22 @@
-/** The selected job on the bench: its newest frame, how it is looked at, and the probe. */
-import { fetchFrame, readPixel } from '../api/client';
-import { isEnded, type Job, type PixelReading } from '../api/types';
-import type { Frame } from '../frame/decode';
-import { FrameDecoder } from '../frame/decoder';
-import { FramePuller } from '../frame/puller';
-import { type Reading, readPixelOf } from '../frame/reading';
+/** What is on the bench: one job's picture or two, how they are looked at, the probe and the region. */
+import type { Job, Region } from '../api/types';
+import type { Reading } from '../frame/reading';
 import type { Action } from '../keys';
-import { type Mode, TONE_MAPS } from '../viewer/painter';
-import { centred, fitView, panned, revealing, type Size, steppedZoom, type View, zoomAbout } from '../viewer/view';
-import { board } from './board.svelte';
+import { arrange, type Layout, otherView, type Port, portOf } from '../viewer/layout';
+import { pictureCanvas } from '../viewer/canvas';
+import { type Agreement, type HeldFrame, type Mode, MODES, type Pane, TONE_MAPS } from '../viewer/scene';
+import { centred, fitView, panned, pixelAt, revealing, type Size, steppedZoom, type View, zoomAbout } from '../viewer/view';
+import { Picture, type Probe } from './picture.svelte';
 import { preferences } from './preferences.svelte';
 
 export const EXPOSURE_LIMIT = 12;
-/** Middle of the error map where a job has no error target. */
-const USUAL_TARGET = 0.05;
 const PAN_STEP = 64;
 
 class Workbench {
-  selectedId = $state<string | null>(null);
-  isUnknown = $state(false);
-  frame = $state.raw<Frame | null>(null);
-  frameArrived = $state(0);
-  frameTrouble = $state<string | null>(null);
+  private readonly pictures = [new Picture(), new Picture()] as const;
+  private isSwapped = $state(false);
+  readonly a: Picture = $derived(this.pictures[this.isSwapped ? 1 : 0]);
+  readonly b: Picture = $derived(this.pictures[this.isSwapped ? 0 : 1]);
 
   /** Why no picture can be drawn here, where that is so; the service's PNG stands in. */
   blindReason = $state<string | null>(null);
@@ -29,103 +24,138 @@ class Workbench {
   exposure = $state(0);
   isOnlyAbove = $state(false);
 
-  port = $state.raw<Size>({ width: 0, height: 0 });
+  layout = $state<Layout>('wipe');
+  /** Which of the two a flip shows. */
+  flipped = $state<'a' | 'b'>('a');
+  /** Where the wipe stands, 0…1 of the viewer's width. */
+  wipeAt = $state(0.5);
+  agreement = $state.raw<Agreement | null>(null);
+
+  size = $state.raw<Size>({ width: 0, height: 0 });
   density = $state(1);
   isFitted = $state(true);
   private freeView = $state.raw<View>({ zoom: 1, left: 0, top: 0 });
 
-  probe = $state.raw<{ x: number; y: number } | null>(null);
+  probe = $state.raw<Probe | null>(null);
   isPinned = $state(false);
-  /** The service's reading of the probed pixel: channel-wise errors, samples, replicates, trust. */
-  pixel = $state.raw<PixelReading | null>(null);
   spoken = $state('');
 
-  readonly job: Job | null = $derived(board.jobs.find((job) => job.id === this.selectedId) ?? null);
-  readonly image: Size = $derived({
-    width: this.job?.settings.width ?? this.frame?.header.width ?? 1,
-    height: this.job?.settings.height ?? this.frame?.header.height ?? 1,
-  });
-  readonly view: View = $derived(this.isFitted ? fitView(this.image, this.port) : this.freeView);
-  private readonly endedId: string | null = $derived(this.job && isEnded(this.job.state) ? this.job.id : null);
-  readonly target: number = $derived(this.job?.target.error ?? USUAL_TARGET);
-  readonly reading: Reading | null = $derived(
-    this.frame && this.probe
-      ? readPixelOf(this.frame, this.probe.x, this.probe.y, this.pixel?.replicates)
-      : null,
-  );
+  /** Drawn with the mouse; a new render or a continued one can be told to count its error there. */
+  region = $state.raw<Region | null>(null);
+  isDrawingRegion = $state(false);
 
-  private readonly decoder = new FrameDecoder();
-  private readonly puller = new FramePuller({
-    source: {
-      pull: async (id, after, reduce, signal) => {
-        const body = await fetchFrame(id, after, reduce, signal);
-        return body ? await this.decoder.decode(body) : null;
-      },
-    },
-    onFrame: (id, frame) => {
-      if (id !== this.selectedId) return;
-      this.frame = frame;
-      this.frameArrived = performance.now();
-      this.frameTrouble = null;
-    },
-    onFailure: (_, cause) => (this.frameTrouble = cause instanceof Error ? cause.message : String(cause)),
+  /** Number of the newest frame that has been drawn. */
+  paintedSeq = $state(0);
+
+  readonly selectedId = $derived(this.a.id);
+  readonly againstId = $derived(this.b.id);
+  readonly isComparing = $derived(this.b.id !== null);
+  readonly job: Job | null = $derived(this.a.job);
+  readonly frame: HeldFrame | null = $derived(this.a.frame);
+  readonly image: Size = $derived(this.a.image);
+  readonly target: number = $derived(this.a.target);
+  readonly reading: Reading | null = $derived(this.a.readingAt(this.probe));
+  readonly canSubtract: boolean = $derived(
+    this.isComparing && this.a.image.width === this.b.image.width && this.a.image.height === this.b.image.height,
+  );
+  /** The mode that is drawn: without a second picture of the same size there is no difference. */
+  readonly shownMode: Mode = $derived(this.mode === 'difference' && !this.canSubtract ? 'image' : this.mode);
+
+  readonly port: Port = $derived(portOf(this.size, this.effectiveLayout, this.density));
+  readonly view: View = $derived(this.isFitted ? fitView(this.image, this.port) : this.freeView);
+  readonly panes: Pane[] = $derived(
+    arrange({
+      size: this.size,
+      density: this.density,
+      layout: this.effectiveLayout,
+      view: this.view,
+      wipeAt: this.wipeAt,
+      flipped: this.flipped,
+      isDifference: this.shownMode === 'difference',
+      a: { image: this.a.image, frame: this.a.frame?.id ?? null, target: this.a.target },
+      b: { image: this.b.image, frame: this.b.frame?.id ?? null, target: this.b.target },
+    }),
+  );
+  /** Ends of the samples map: what the frames have, at least a factor of four apart. */
+  readonly samples: readonly [number, number] = $derived.by(() => {
+    const headers = [this.a, this.b].map((picture) => picture.frame?.header).filter((header) => header !== undefined);
+    const low = Math.max(Math.min(...headers.map((header) => header.spp_min)), 1);
+    const high = Math.max(...headers.map((header) => header.spp_max), 1);
+    return headers.length === 0 ? [1, 4] : high >= 4 * low ? [low, high] : [high / 4, high];
   });
+
+  private get effectiveLayout(): Layout | 'single' {
+    if (!this.isComparing || (this.mode === 'difference' && this.canSubtract)) return 'single';
+    return this.layout;
+  }
 
   /** Wires selection, frames and the pixel reading together; called once. Returns its undo. */
   start(): () => void {
+    pictureCanvas.onBlind = (reason) => (this.blindReason = reason);
+    // Ready before the first picture, but not before the page: the graphics context costs half a second of both.
+    const begin = (): void => pictureCanvas.start();
+    if ('requestIdleCallback' in window) requestIdleCallback(begin, { timeout: 1500 });
+    else setTimeout(begin, 300);
     return $effect.root(() => {
+      const wantsMaps = (): boolean => this.mode === 'samples' || this.mode === 'trust';
+      for (const picture of this.pictures) picture.follow(() => this.probe, wantsMaps);
+      $effect(() => this.compare());
       $effect(() => {
-        const id = this.selectedId;
-        this.puller.select(id);
-        this.frame = null;
-        this.frameTrouble = null;
-        this.pixel = null;
-        this.probe = null;
-        this.isPinned = false;
-        this.isFitted = true;
-        this.isUnknown = false;
-        if (id === null) return;
-        const abort = new AbortController();
-        void board.read(id, abort.signal).then((isThere) => {
-          if (!abort.signal.aborted) this.isUnknown = !isThere;
-        });
-        return () => abort.abort();
+        const { frame } = this;
+        const side = Math.max(frame?.header.width ?? 0, frame?.header.height ?? 0);
+        if (side > pictureCanvas.largestSide)
+          this.blindReason = `The picture is wider or higher than the ${pictureCanvas.largestSide} pixels that this graphics device takes`;
       });
-      $effect(() => {
-        if (board.serverGeneration === 0) return;
-        this.puller.forget();
-      });
-      $effect(() => {
-        const job = this.job;
-        void board.serverGeneration;
-        if (job) this.puller.announce(job.id, job.frame_seq, isEnded(job.state));
-      });
-      $effect(() => {
-        // A job that just ended has its last curve points with the service.
-        const id = this.endedId;
-        if (id !== null) void board.read(id, new AbortController().signal);
-      });
-      $effect(() => this.readProbedPixel());
     });
   }
 
-  private readProbedPixel(): (() => void) | undefined {
-    const { probe, frame, selectedId } = this;
-    if (!probe || !frame || selectedId === null) {
-      this.pixel = null;
+  /** Puts a job on the bench, and another beside it. */
+  select(id: string | null, against: string | null = null): void {
+    if (against === id) against = null;
+    if (id !== null && id === this.b.id && id !== this.a.id) this.isSwapped = !this.isSwapped;
+    if (id !== this.a.id) {
+      this.a.id = id;
+      this.probe = null;
+      this.isPinned = false;
+      this.isFitted = true;
+      this.region = null;
+    }
+    this.against(against);
+  }
+
+  against(id: string | null): void {
+    if (id === this.b.id) return;
+    this.b.id = id;
+    this.flipped = 'a';
+    if (id === null && this.mode === 'difference') this.mode = 'image';
+  }
+
+  swap(): void {
+    if (this.isComparing) this.isSwapped = !this.isSwapped;
+  }
+
+  private compare(): (() => void) | undefined {
+    const [a, b] = [this.a.frame, this.b.frame];
+    if (!a || !b || this.shownMode !== 'difference') {
+      this.agreement = null;
       return undefined;
     }
-    const abort = new AbortController();
-    const timer = setTimeout(() => {
-      readPixel(selectedId, probe.x, probe.y, abort.signal).then(
-        (reading) => (this.pixel = reading),
-        () => undefined,
-      );
-    }, 120);
-    return () => {
-      clearTimeout(timer);
-      abort.abort();
-    };
+    let isCurrent = true;
+    pictureCanvas.agree(a, b).then(
+      (agreement) => isCurrent && (this.agreement = agreement),
+      () => undefined,
+    );
+    return () => (isCurrent = false);
+  }
+
+  /** Image pixel of picture A under a point of the viewer, in device pixels; null beside the picture. */
+  pixelUnder(x: number, y: number): Probe | null {
+    return pixelAt(this.view, this.image, this.inPane(x), y);
+  }
+
+  /** In the right half of two pictures side by side, as if it were the left. */
+  inPane(x: number): number {
+    return this.effectiveLayout === 'side' && x >= this.port.width + this.port.gap ? x - this.port.width - this.port.gap : x;
   }
 
   moveProbe(x: number, y: number): void {
@@ -133,9 +163,12 @@ class Workbench {
       x: Math.min(Math.max(x, 0), this.image.width - 1),
       y: Math.min(Math.max(y, 0), this.image.height - 1),
     };
-    if (next.x === this.probe?.x && next.y === this.probe.y) return;
-    this.probe = next;
-    this.pixel = null;
+    if (next.x !== this.probe?.x || next.y !== this.probe.y) this.probe = next;
+  }
+
+  /** The same pixel in picture B, whose size may differ. */
+  viewOfB(view: View): View {
+    return otherView(view, this.a.image, this.b.image);
   }
 
   setView(view: View): void {
@@ -155,6 +188,19 @@ class Workbench {
     this.exposure = Math.min(Math.max(Math.round(stops * 10) / 10, -EXPOSURE_LIMIT), EXPOSURE_LIMIT);
   }
 
+  private toggle(mode: Mode): true {
+    this.mode = this.mode === mode ? 'image' : mode;
+    return true;
+  }
+
+  private lay(layout: Layout, shown?: 'a' | 'b'): boolean {
+    if (!this.isComparing) return false;
+    if (this.mode === 'difference') this.mode = 'image';
+    this.layout = layout;
+    if (shown) this.flipped = shown;
+    return true;
+  }
+
   /** Carries out a view or probe action; false where the action is none of the bench's. */
   act(action: Action): boolean {
     switch (action) {
@@ -169,8 +215,20 @@ class Workbench {
         preferences.tone = TONE_MAPS[(at + 1) % TONE_MAPS.length].id;
         return true;
       }
-      case 'toggleError': this.mode = this.mode === 'error' ? 'image' : 'error'; return true;
+      case 'toggleError': return this.toggle('error');
+      case 'toggleDifference': return this.canSubtract && this.toggle('difference');
+      case 'nextView': {
+        const modes = MODES.filter((entry) => entry.id !== 'difference' || this.canSubtract);
+        this.mode = modes[(modes.findIndex((entry) => entry.id === this.mode) + 1) % modes.length].id;
+        return true;
+      }
       case 'onlyAbove': this.isOnlyAbove = !this.isOnlyAbove; this.mode = 'error'; return true;
+      case 'showA': return this.lay('flip', 'a');
+      case 'showB': return this.lay('flip', 'b');
+      case 'swap': this.swap(); return this.isComparing;
+      case 'wipe': return this.lay('wipe');
+      case 'sideBySide': return this.lay('side');
+      case 'drawRegion': this.isDrawingRegion = !this.isDrawingRegion; return true;
       case 'fit': this.isFitted = true; return true;
       case 'actualSize': this.setView(centred(this.image, this.port, 1)); return true;
       case 'zoomIn': this.zoomTo(steppedZoom(this.view.zoom, 1)); return true;
@@ -184,7 +242,10 @@ class Workbench {
       case 'probeUp': this.stepProbe(0, -1); return true;
       case 'probeDown': this.stepProbe(0, 1); return true;
       case 'pin': if (!this.probe) this.stepProbe(0, 0); this.isPinned = true; return true;
-      case 'unpin': this.isPinned = false; return true;
+      case 'unpin':
+        if (this.isDrawingRegion) this.isDrawingRegion = false;
+        else this.isPinned = false;
+        return true;
       default: return false;
     }
   } // prettier-ignore

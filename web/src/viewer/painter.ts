@@ -1,106 +1,155 @@
-/** Draws a frame with WebGL2. Holds textures, no view state: everything that decides a picture comes with the call. */
-import type { Frame } from '../frame/decode';
+/** Draws pictures with WebGL2. Holds textures by frame, no view state: everything that decides a picture comes with the call. */
+import type { Frame, FrameHeader } from '../frame/decode';
 import { infernoTexels } from './inferno';
+import { MODES, type Painting, type Pane, TONE_MAPS } from './scene';
 import { FRAGMENT, VERTEX } from './shaders';
-import type { View } from './view';
-
-export type ToneMap = 'srgb' | 'filmic' | 'reinhard';
-export type Mode = 'image' | 'error';
-
-export interface Look {
-  mode: Mode;
-  tone: ToneMap;
-  /** Stops. */
-  exposure: number;
-  /** Relative error in the middle of the error map. */
-  target: number;
-  onlyAbove: boolean;
-  /** sRGB, 0…1 per channel. */
-  well: readonly [number, number, number];
-}
-
-export const TONE_MAPS: readonly { id: ToneMap; label: string }[] = [
-  { id: 'srgb', label: 'sRGB clip' },
-  { id: 'filmic', label: 'Filmic' },
-  { id: 'reinhard', label: 'Reinhard' },
-];
+import type { Size } from './view';
 
 const UNIFORMS = [
-  'frame', 'inferno', 'viewport', 'corner', 'extent', 'zoom', 'reduction', 'gain', 'floorSquared', 'target', 'tone',
-  'mode', 'onlyAbove', 'density', 'well',
+  'frame', 'inferno', 'counts', 'other', 'viewportHeight', 'corner', 'extent', 'zoom', 'reduction', 'gain', 'unscale', 'floorSquared',
+  'target', 'tone', 'mode', 'onlyAbove', 'density', 'well', 'hasCounts', 'replicateSize', 'samples', 'otherReduction', 'otherUnscale',
 ] as const; // prettier-ignore
+const UNITS = { frame: 0, inferno: 1, counts: 2, other: 3 } as const;
+
+interface Held {
+  header: FrameHeader;
+  meanLuminance: number;
+  picture: WebGLTexture;
+  counts: WebGLTexture | null;
+}
 
 export class Painter {
   private readonly gl: WebGL2RenderingContext;
   private readonly program: WebGLProgram;
   private readonly at: Record<(typeof UNIFORMS)[number], WebGLUniformLocation | null>;
-  private readonly picture: WebGLTexture;
-  private held: Frame | null = null;
+  private readonly held = new Map<number, Held>();
+  private readonly nothing: WebGLTexture;
 
   /** Throws where WebGL2 is missing or the program does not link. */
-  constructor(canvas: HTMLCanvasElement) {
+  constructor(private readonly canvas: OffscreenCanvas) {
     const gl = canvas.getContext('webgl2', { alpha: false, antialias: false, depth: false });
     if (!gl) throw new Error('WebGL2 is not available here');
     this.gl = gl;
     this.program = linked(gl);
     this.at = Object.fromEntries(UNIFORMS.map((name) => [name, gl.getUniformLocation(this.program, name)])) as typeof this.at;
-    this.picture = texture(gl, 0);
-    texture(gl, 1);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, infernoTexels());
-  }
-
-  private upload(frame: Frame): void {
-    const { gl } = this;
-    gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, this.picture);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
-    const { width, height } = frame.header;
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16UI, width, height, 0, gl.RGBA_INTEGER, gl.UNSIGNED_SHORT, frame.halves);
-    this.held = frame;
+    texture(gl, UNITS.inferno, gl.LINEAR);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, infernoTexels());
+    this.nothing = texture(gl, UNITS.counts, gl.NEAREST);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.R16UI, 1, 1, 0, gl.RED_INTEGER, gl.UNSIGNED_SHORT, new Uint16Array(1));
+    this.warmUp();
   }
 
-  paint(frame: Frame | null, image: { width: number; height: number }, view: View, look: Look, density: number): void {
-    const { gl, at } = this;
-    if (gl.isContextLost()) return;
-    gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
-    if (!frame) {
-      this.held = null;
-      gl.clearColor(look.well[0], look.well[1], look.well[2], 1);
-      gl.clear(gl.COLOR_BUFFER_BIT);
-      return;
-    }
-    if (frame !== this.held) this.upload(frame);
-    const { scale, reduce } = frame.header;
-    gl.useProgram(this.program);
-    gl.uniform1i(at.frame, 0);
-    gl.uniform1i(at.inferno, 1);
-    gl.uniform2f(at.viewport, gl.drawingBufferWidth, gl.drawingBufferHeight);
-    gl.uniform2f(at.corner, Math.round(view.left), Math.round(view.top));
-    gl.uniform2f(at.extent, image.width, image.height);
-    gl.uniform1f(at.zoom, view.zoom);
-    gl.uniform1f(at.reduction, reduce);
-    gl.uniform1f(at.gain, 2 ** look.exposure / scale);
-    gl.uniform1f(at.floorSquared, (0.1 * frame.summary.meanLuminance * scale) ** 2);
-    gl.uniform1f(at.target, look.target);
-    gl.uniform1i(at.tone, TONE_MAPS.findIndex((entry) => entry.id === look.tone));
-    gl.uniform1i(at.mode, look.mode === 'error' ? 1 : 0);
-    gl.uniform1i(at.onlyAbove, look.onlyAbove ? 1 : 0);
-    gl.uniform1f(at.density, density);
-    gl.uniform3f(at.well, look.well[0], look.well[1], look.well[2]);
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
-  }
-
-  /** Largest texture side; larger images are shown as a PNG instead. */
+  /** Larger images are shown as a PNG instead. */
   get largestSide(): number {
     return this.gl.getParameter(this.gl.MAX_TEXTURE_SIZE) as number;
   }
+
+  get isLost(): boolean {
+    return this.gl.isContextLost();
+  }
+
+  keep(id: number, frame: Frame): void {
+    const { gl } = this;
+    const { width, height } = frame.header;
+    const picture = texture(gl, UNITS.frame, gl.NEAREST);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16UI, width, height, 0, gl.RGBA_INTEGER, gl.UNSIGNED_SHORT, frame.halves);
+    let counts: WebGLTexture | null = null;
+    if (frame.counts) {
+      counts = texture(gl, UNITS.counts, gl.NEAREST);
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.R16UI, width, height, 0, gl.RED_INTEGER, gl.UNSIGNED_SHORT, frame.counts);
+    }
+    this.held.set(id, { header: frame.header, meanLuminance: frame.summary.meanLuminance, picture, counts });
+  }
+
+  drop(id: number): void {
+    const held = this.held.get(id);
+    this.held.delete(id);
+    if (held) this.gl.deleteTexture(held.picture);
+    if (held?.counts) this.gl.deleteTexture(held.counts);
+  }
+
+  paint({ port, density, panes, look }: Painting): void {
+    const { gl, at } = this;
+    if (gl.isContextLost()) return;
+    const { width, height } = this.grown(port);
+    gl.viewport(0, 0, width, height);
+    gl.enable(gl.SCISSOR_TEST);
+    gl.scissor(0, height - port.height, port.width, port.height);
+    gl.clearColor(look.well[0], look.well[1], look.well[2], 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    gl.useProgram(this.program);
+    for (const [name, unit] of Object.entries(UNITS)) gl.uniform1i(at[name as keyof typeof UNITS], unit);
+    gl.uniform1f(at.viewportHeight, height);
+    gl.uniform1f(at.density, density);
+    gl.uniform1i(at.tone, TONE_MAPS.findIndex((entry) => entry.id === look.tone));
+    gl.uniform1i(at.mode, MODES.findIndex((entry) => entry.id === look.mode));
+    gl.uniform1i(at.onlyAbove, look.onlyAbove ? 1 : 0);
+    gl.uniform2f(at.samples, look.samples[0], look.samples[1]);
+    gl.uniform3f(at.well, look.well[0], look.well[1], look.well[2]);
+    for (const pane of panes) this.paintPane(pane, height, 2 ** look.exposure);
+  }
+
+  private paintPane(pane: Pane, canvasHeight: number, exposure: number): void {
+    const { gl, at } = this;
+    const frame = pane.frame === null ? undefined : this.held.get(pane.frame);
+    if (!frame) return;
+    const other = (pane.other === null ? undefined : this.held.get(pane.other)) ?? frame;
+    const { scale, reduce, replicate_size } = frame.header;
+    this.bind(UNITS.frame, frame.picture);
+    this.bind(UNITS.counts, frame.counts ?? this.nothing);
+    this.bind(UNITS.other, other.picture);
+    gl.uniform2f(at.corner, Math.round(pane.view.left), Math.round(pane.view.top));
+    gl.uniform2f(at.extent, pane.image.width, pane.image.height);
+    gl.uniform1f(at.zoom, pane.view.zoom);
+    gl.uniform1f(at.reduction, reduce);
+    gl.uniform1f(at.gain, exposure / scale);
+    gl.uniform1f(at.unscale, 1 / scale);
+    gl.uniform1f(at.floorSquared, (0.1 * frame.meanLuminance * scale) ** 2);
+    gl.uniform1f(at.target, pane.target);
+    gl.uniform1i(at.hasCounts, frame.counts ? 1 : 0);
+    gl.uniform1f(at.replicateSize, replicate_size);
+    gl.uniform1f(at.otherReduction, other.header.reduce);
+    gl.uniform1f(at.otherUnscale, 1 / other.header.scale);
+    const { left, top, width, height } = pane.clip;
+    gl.scissor(Math.round(left), canvasHeight - Math.round(top + height), Math.round(width), Math.round(height));
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  /**
+   * The canvas, large enough for `port`. It never shrinks, and pictures lie in its top left corner: a new size waits for
+   * the whole screen to be put together, which software graphics take half a second for.
+   */
+  private grown(port: Size): Size {
+    const { canvas } = this;
+    if (canvas.width < port.width) canvas.width = port.width;
+    if (canvas.height < port.height) canvas.height = port.height;
+    return canvas;
+  }
+
+  private bind(unit: number, held: WebGLTexture): void {
+    this.gl.activeTexture(this.gl.TEXTURE0 + unit);
+    this.gl.bindTexture(this.gl.TEXTURE_2D, held);
+  }
+
+  /** Draws one pixel of one pixel: drivers finish compiling at the first draw, which is then not a user's first picture. */
+  private warmUp(): void {
+    const one = { seq: 0, width: 1, height: 1, scale: 1, reduce: 1, replicate_size: 1 } as FrameHeader;
+    const summary = { meanLuminance: 1, whiteLuminance: 1, histogram: new Uint32Array(), unknown: 0, invalid: 0 };
+    this.keep(-1, { header: one, halves: new Uint16Array(4), counts: null, summary });
+    const size = { width: 1, height: 1 };
+    const view = { zoom: 1, left: 0, top: 0 };
+    const pane = { clip: { left: 0, top: 0, ...size }, view, image: size, frame: -1, other: null, target: 1 };
+    const look = { mode: 'image', tone: 'srgb', exposure: 0, onlyAbove: false, samples: [1, 2], well: [0, 0, 0] } as const;
+    this.paint({ port: size, density: 1, panes: [pane], look });
+    this.drop(-1);
+  }
 }
 
-function texture(gl: WebGL2RenderingContext, unit: number): WebGLTexture {
+function texture(gl: WebGL2RenderingContext, unit: number, filter: number): WebGLTexture {
   const made = gl.createTexture();
   gl.activeTexture(gl.TEXTURE0 + unit);
   gl.bindTexture(gl.TEXTURE_2D, made);
-  const filter = unit === 0 ? gl.NEAREST : gl.LINEAR;
   gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, filter);
   gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, filter);
   gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);

@@ -2,6 +2,8 @@
  * The picture is drawn by one full-viewport triangle. Half floats arrive as 16-bit integers: NaN and infinity are
  * told apart by their bits, because drivers may assume in float arithmetic that neither occurs.
  */
+import { DIFFERENCE_RANGE } from './scene';
+
 export const VERTEX = `#version 300 es
 void main() {
   gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0);
@@ -13,17 +15,25 @@ precision highp int;
 precision highp usampler2D;
 
 uniform usampler2D frame;      // R, G, B, SE of luminance as half patterns
+uniform usampler2D counts;     // replicates as half patterns, negative where not trusted
+uniform usampler2D other;      // as frame: what a difference subtracts
 uniform sampler2D inferno;
-uniform vec2 viewport;         // device pixels
+uniform float viewportHeight;  // device pixels
 uniform vec2 corner;           // image's top left corner in the viewport
 uniform vec2 extent;           // image size, image pixels
 uniform float zoom;            // device pixels per image pixel
 uniform float reduction;       // image pixels per texel side
 uniform float gain;            // 2^exposure / frame scale
+uniform float unscale;         // 1 / frame scale
+uniform float otherReduction;
+uniform float otherUnscale;
 uniform float floorSquared;    // (0.1 mean luminance * scale)^2
 uniform float target;
 uniform int tone;              // 0 sRGB clip, 1 filmic, 2 Reinhard
-uniform int mode;              // 0 image, 1 error
+uniform int mode;              // 0 image, 1 error, 2 samples, 3 trust, 4 difference
+uniform bool hasCounts;
+uniform float replicateSize;   // samples per replicate
+uniform vec2 samples;          // ends of the samples map, samples per pixel
 uniform bool onlyAbove;
 uniform float density;         // device pixels per CSS pixel
 uniform vec3 well;             // sRGB
@@ -35,8 +45,7 @@ struct Texel { vec3 radiance; float error; bool valid; bool known; };
 
 bool isFinite(uint bits) { return (bits & 0x7c00u) != 0x7c00u; }
 
-Texel fetch(ivec2 at) {
-  uvec4 bits = texelFetch(frame, clamp(at, ivec2(0), textureSize(frame, 0) - 1), 0);
+Texel texelOf(uvec4 bits) {
   Texel texel;
   texel.valid = isFinite(bits.r) && isFinite(bits.g) && isFinite(bits.b);
   texel.radiance = texel.valid ? vec3(unpackHalf2x16(bits.r).x, unpackHalf2x16(bits.g).x, unpackHalf2x16(bits.b).x) : vec3(0.0);
@@ -69,34 +78,70 @@ vec3 errorColour(Texel texel) {
   return texture(inferno, vec2(clamp(at, 0.0, 1.0) * (255.0 / 256.0) + 0.5 / 256.0, 0.5)).rgb;
 }
 
+// Few dark blue, many white.
+vec3 samplesColour(float replicates) {
+  float spread = max(log(samples.y / samples.x), 1e-3);
+  float t = clamp(log(max(replicates * replicateSize, 1e-3) / samples.x) / spread, 0.0, 1.0);
+  vec3 low = vec3(0.055, 0.09, 0.16), middle = vec3(0.19, 0.47, 0.78), high = vec3(0.94, 0.97, 1.0);
+  return t < 0.5 ? mix(low, middle, 2.0 * t) : mix(middle, high, 2.0 * t - 1.0);
+}
+
+// z = (A - B) / their standard errors together: blue where A is darker, orange where it is brighter, dark grey between.
+vec3 differenceColour(Texel a, Texel b) {
+  float gap = dot(a.radiance, LUMA) * unscale - dot(b.radiance, LUMA) * otherUnscale;
+  float spread = length(vec2(a.error * unscale, b.error * otherUnscale));
+  float z = spread > 0.0 ? gap / spread : (gap == 0.0 ? 0.0 : sign(gap) * 1e3);
+  float t = clamp(abs(z) / ${DIFFERENCE_RANGE}.0, 0.0, 1.0);
+  return mix(vec3(0.16), z < 0.0 ? vec3(0.30, 0.62, 1.0) : vec3(1.0, 0.60, 0.16), t);
+}
+
+ivec2 inside(vec2 at, ivec2 size) { return clamp(ivec2(floor(at)), ivec2(0), size - 1); }
+
 void main() {
-  vec2 screen = vec2(gl_FragCoord.x, viewport.y - gl_FragCoord.y);
+  vec2 screen = vec2(gl_FragCoord.x, viewportHeight - gl_FragCoord.y);
   vec2 at = (screen - corner) / zoom;
   if (any(lessThan(at, vec2(0.0))) || any(greaterThanEqual(at, extent))) { result = vec4(well, 1.0); return; }
 
   // Zoomed out, each screen pixel is the mean of the texels under it (at most 4 x 4 of them).
   float footprint = 1.0 / (zoom * reduction);
   int taps = clamp(int(ceil(footprint - 0.01)), 1, 4);
+  ivec2 size = textureSize(frame, 0);
   vec3 radiance = vec3(0.0);
   vec3 colour = vec3(0.0);
   float known = 0.0;
   float invalid = 0.0;
+  float untrusted = 0.0;
   for (int j = 0; j < taps; j++) {
     for (int i = 0; i < taps; i++) {
-      vec2 offset = (vec2(i, j) + 0.5) / float(taps) - 0.5;
-      Texel texel = fetch(ivec2(floor(at / reduction + (taps > 1 ? offset * footprint : vec2(0.0)))));
+      vec2 offset = taps > 1 ? ((vec2(i, j) + 0.5) / float(taps) - 0.5) * footprint : vec2(0.0);
+      ivec2 here = inside(at / reduction + offset, size);
+      Texel texel = texelOf(texelFetch(frame, here, 0));
       if (!texel.valid) { invalid += 1.0; continue; }
       radiance += texel.radiance;
-      if (texel.known) { known += 1.0; if (mode == 1) colour += errorColour(texel); }
+      if (mode == 1 && texel.known) { known += 1.0; colour += errorColour(texel); }
+      else if (mode == 2 || mode == 3) {
+        uint bits = hasCounts ? texelFetch(counts, here, 0).r : 0u;
+        float replicates = unpackHalf2x16(bits & 0x7fffu).x;
+        if (replicates > 0.0) { known += 1.0; if (mode == 2) colour += samplesColour(replicates); }
+        if ((bits & 0x8000u) != 0u) untrusted += 1.0;
+      } else if (mode == 4) {
+        vec2 there = (at + offset * reduction) / otherReduction;
+        Texel against = texelOf(texelFetch(other, inside(there, textureSize(other, 0)), 0));
+        if (texel.known && against.known) { known += 1.0; colour += differenceColour(texel, against); }
+      }
     }
   }
   float total = float(taps * taps);
+  vec3 hatch = mix(vec3(0.18), vec3(0.32), stripes(screen, 8.0));
   if (invalid > 0.0) {
     result = vec4(mix(vec3(1.0, 0.0, 0.85), vec3(0.0), stripes(screen, 6.0)), 1.0);
   } else if (mode == 0) {
     result = vec4(toned(radiance * gain / total), 1.0);
+  } else if (mode == 3) {
+    vec3 grey = vec3(dot(toned(radiance * gain / total), LUMA)) * 0.75 + 0.05;
+    vec3 doubt = mix(vec3(0.89, 0.70, 0.25), vec3(0.36, 0.27, 0.07), stripes(screen, 6.0));
+    result = vec4(known > 0.0 ? mix(grey, doubt, untrusted / total) : hatch, 1.0);
   } else {
-    vec3 hatch = mix(vec3(0.18), vec3(0.32), stripes(screen, 8.0));
     result = vec4(known > 0.0 ? mix(hatch, colour / known, known / total) : hatch, 1.0);
   }
 }`;

@@ -1,0 +1,30 @@
+/** How far two frames of the same picture agree within their error bars. */
+import type { Agreement } from '../viewer/scene';
+import { type Frame, LUMA } from './decode';
+import { halfTable } from './half';
+
+/** Beyond this many standard errors lie 5 % of a normal variable. */
+const APART = 1.96;
+
+/** Over pixels with an estimate in both; null where the sizes differ or no pixel has one. */
+export function agreement(a: Frame, b: Frame): Agreement | null {
+  const { width, height, reduce } = a.header;
+  if (b.header.width !== width || b.header.height !== height || b.header.reduce !== reduce) return null;
+  const value = halfTable();
+  const [scaleA, scaleB] = [a.header.scale, b.header.scale];
+  const luminance = ({ halves }: Frame, at: number): number =>
+    LUMA[0] * value[halves[at]] + LUMA[1] * value[halves[at + 1]] + LUMA[2] * value[halves[at + 2]];
+  let pixels = 0;
+  let apart = 0;
+  let sum = 0;
+  for (let at = 0; at < a.halves.length; at += 4) {
+    const variance = (value[a.halves[at + 3]] / scaleA) ** 2 + (value[b.halves[at + 3]] / scaleB) ** 2;
+    const gap = luminance(a, at) / scaleA - luminance(b, at) / scaleB;
+    if (!(variance > 0) || !Number.isFinite(variance) || !Number.isFinite(gap)) continue;
+    const square = (gap * gap) / variance;
+    pixels++;
+    sum += square;
+    if (square > APART * APART) apart++;
+  }
+  return pixels > 0 ? { pixels, apart: apart / pixels, rms: Math.sqrt(sum / pixels) } : null;
+}

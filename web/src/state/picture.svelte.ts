@@ -1,0 +1,116 @@
+/** One job's picture as it comes in: its newest frame, what went wrong, and the service's reading of the probed pixel. */
+import { untrack } from 'svelte';
+import { fetchFrame, readPixel } from '../api/client';
+import { isEnded, type Job, type PixelReading } from '../api/types';
+import { FramePuller } from '../frame/puller';
+import { type Reading, readPixelOf } from '../frame/reading';
+import { pictureCanvas } from '../viewer/canvas';
+import type { HeldFrame } from '../viewer/scene';
+import type { Size } from '../viewer/view';
+import { board } from './board.svelte';
+
+/** Middle of the error map where a job has no error target. */
+const USUAL_TARGET = 0.05;
+
+export interface Probe {
+  x: number;
+  y: number;
+}
+
+export class Picture {
+  id = $state<string | null>(null);
+  private isMissing = $state(false);
+  frame = $state.raw<HeldFrame | null>(null);
+  frameArrived = $state(0);
+  trouble = $state<string | null>(null);
+  /** The service's reading of the probed pixel: channel-wise errors, samples, replicates, trust. */
+  pixel = $state.raw<PixelReading | null>(null);
+
+  readonly isUnknown: boolean = $derived(this.isMissing || (this.id !== null && board.deleted.has(this.id)));
+  readonly job: Job | null = $derived(board.jobs.find((job) => job.id === this.id) ?? null);
+  readonly image: Size = $derived({
+    width: this.job?.settings.width ?? this.frame?.header.width ?? 1,
+    height: this.job?.settings.height ?? this.frame?.header.height ?? 1,
+  });
+  readonly target: number = $derived(this.job?.target.error ?? USUAL_TARGET);
+  private readonly endedId: string | null = $derived(this.job && isEnded(this.job.state) ? this.job.id : null);
+
+  private readId: string | null = null;
+
+  private readonly puller = new FramePuller<HeldFrame>({
+    source: {
+      fetch: fetchFrame,
+      decode: (body) => pictureCanvas.decode(body),
+      drop: (frame) => pictureCanvas.drop(frame),
+    },
+    onFrame: (id, frame) => {
+      if (id !== this.id) return pictureCanvas.drop(frame);
+      this.show(frame);
+      this.frameArrived = performance.now();
+      this.trouble = null;
+    },
+    onFailure: (_, cause) => (this.trouble = cause instanceof Error ? cause.message : String(cause)),
+  });
+
+  /** Follows `id`, and the probe; called once, inside an effect root. */
+  follow(probe: () => Probe | null, wantsMaps: () => boolean): void {
+    $effect(() => {
+      const { id } = this;
+      this.puller.select(id);
+      untrack(() => this.show(null));
+      this.trouble = null;
+      this.isMissing = false;
+      if (id === null) return;
+      const abort = new AbortController();
+      void board.read(id, abort.signal).then((isThere) => {
+        if (!abort.signal.aborted) this.isMissing = !isThere;
+      });
+      return () => abort.abort();
+    });
+    $effect(() => {
+      if (board.serverGeneration > 0) this.puller.forget();
+    });
+    $effect(() => {
+      const { job } = this;
+      void board.serverGeneration;
+      if (job) this.puller.announce(job.id, job.frame_seq, isEnded(job.state));
+    });
+    $effect(() => this.puller.wantMaps(wantsMaps()));
+    $effect(() => {
+      // A job that just ended has its last curve points with the service.
+      const id = this.endedId;
+      if (id !== null) void board.read(id, new AbortController().signal);
+    });
+    $effect(() => this.readPixel(probe()));
+  }
+
+  readingAt(probe: Probe | null): Reading | null {
+    if (!this.frame || !probe) return null;
+    return readPixelOf(this.frame, probe.x, probe.y, this.pixel?.replicates);
+  }
+
+  private show(frame: HeldFrame | null): void {
+    if (this.frame) pictureCanvas.drop(this.frame);
+    this.frame = frame;
+  }
+
+  private readPixel(probe: Probe | null): (() => void) | undefined {
+    const { frame, id } = this;
+    // A newer frame of the same pixel keeps the older reading until its own has come.
+    const held = untrack(() => this.pixel);
+    if (held && (held.x !== probe?.x || held.y !== probe.y || this.readId !== id)) this.pixel = null;
+    this.readId = id;
+    if (!probe || !frame || id === null || probe.x >= this.image.width || probe.y >= this.image.height) return undefined;
+    const abort = new AbortController();
+    const timer = setTimeout(() => {
+      readPixel(id, probe.x, probe.y, abort.signal).then(
+        (reading) => (this.pixel = reading),
+        () => undefined,
+      );
+    }, 120);
+    return () => {
+      clearTimeout(timer);
+      abort.abort();
+    };
+  }
+}
