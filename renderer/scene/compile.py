@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 from renderer.backend import using, variant_for
 from renderer.scene import rewrite
 from renderer.scene.limits import SceneLimits
-from renderer.scene.requirements import Requirements, measure, refuse_unsupported
+from renderer.scene.requirements import NO_EMITTERS, Requirements, measure, refuse_unsupported
+from renderer.scene.rewrite import passes
+from renderer.scene.rewrite.similarity import Similarity
 from renderer.scene.source import Parsed, instantiate, load_part, parse
 from renderer.settings import UNLIMITED_DEPTH, Settings
 
@@ -29,6 +32,7 @@ class Scene:
     """A scene ready to render. width, height: of the image. digest: identity of its contents, in hexadecimal.
 
     variant: of Mitsuba, that `mitsuba_scene` and `sensor` belong to; use them inside `backend.using(variant)`.
+    similarity: from the scene as it was written to the one that is rendered. rewrites: those that were done.
     """
 
     source: str | Path | dict[str, Any]
@@ -40,6 +44,8 @@ class Scene:
     mitsuba_scene: Any
     sensor: Any
     variant: str
+    similarity: Similarity
+    rewrites: tuple[str, ...]
     _parsed: Parsed = field(repr=False)
     _kernels: dict[Any, PathKernel] = field(default_factory=dict, repr=False)
 
@@ -74,7 +80,7 @@ class Scene:
     def sized(self, settings: Settings) -> Scene:
         """This scene at the size that the settings ask for, sharing all but the sensor; another colour loads again."""
         if settings.colour not in ("auto", self.colour):
-            return load_scene(self.source, settings=settings)
+            return load_scene(self.source, settings=settings, rewrites=self.rewrites)
         if settings.width in (None, self.width) and settings.height in (None, self.height):
             return self
         with using(self.variant):
@@ -129,27 +135,40 @@ class Scene:
 
 
 def load_scene(
-    source: str | Path | dict[str, Any], *, settings: Settings | None = None, limits: SceneLimits | None = None
+    source: str | Path | dict[str, Any],
+    *,
+    settings: Settings | None = None,
+    limits: SceneLimits | None = None,
+    rewrites: Collection[str] = passes.ALL,
 ) -> Scene:
     """Loads an .xml, .zip or .json file, a Mitsuba dictionary or a gallery name.
 
-    settings: only width, height and colour matter here. limits: `UNTRUSTED` for what strangers send. Raises SceneError
-    (or UnsupportedScene) with place and cause.
+    settings: only width, height and colour matter here. limits: `UNTRUSTED` for what strangers send. rewrites: those
+    to do, to compare with and without. Raises SceneError (or UnsupportedScene) with place and cause.
     """
-    return load_parsed(source, parse(source, limits), settings or Settings())
+    return load_parsed(source, parse(source, limits), settings or Settings(), rewrites)
 
 
-def load_parsed(source: str | Path | dict[str, Any], parsed: Parsed, asked: Settings) -> Scene:
+def load_parsed(
+    source: str | Path | dict[str, Any], parsed: Parsed, asked: Settings, rewrites: Collection[str] = passes.ALL
+) -> Scene:
     """Loads what was parsed from a source. Raises as `load_scene` does."""
-    requirements = measure(parsed)
-    refuse_unsupported(requirements)
-    rewrite.sensor_dict(parsed.state, asked.width, asked.height)  # refuses bad sizes before anything is loaded
-    variant = variant_for(asked.colour, requirements.is_coloured)
+    passes.check_names(rewrites)
+    needs = measure(parsed)
+    refuse_unsupported(needs)
+    changed, similarity, notes = passes.before_loading(parsed, needs, rewrites)
+    rewrite.sensor_dict(changed.state, asked.width, asked.height)  # refuses bad sizes before anything is loaded
+    variant = variant_for(asked.colour, needs.is_coloured)
     with using(variant):
-        rewrite.neutralise_integrators(parsed.state)
-        made = instantiate(parsed)
-        sensor, width, height = _make_sensor(parsed, made, asked.width, asked.height)
-    return Scene(source, parsed.name, parsed.digest, width, height, requirements, made, sensor, variant, parsed)
+        made = instantiate(changed)
+        notes += passes.after_loading(made, rewrites, parsed.name)
+        sensor, width, height = _make_sensor(changed, made, asked.width, asked.height)
+    needs = replace(needs, notes=notes)
+    if needs.emitters and not made.emitters():
+        needs = replace(needs, warnings=(*needs.warnings, NO_EMITTERS))
+    digest = passes.digest_with(parsed.digest, rewrites)
+    placing = (similarity, tuple(rewrites))
+    return Scene(source, parsed.name, digest, width, height, needs, made, sensor, variant, *placing, changed)
 
 
 def _make_sensor(parsed: Parsed, scene: Any, width: int | None, height: int | None) -> tuple[Any, int, int]:
@@ -158,4 +177,6 @@ def _make_sensor(parsed: Parsed, scene: Any, width: int | None, height: int | No
     sensor = load_part(parsed, description)
     sensor.set_scene(scene)
     size = sensor.film().crop_size()
-    return sensor, int(size[0]), int(size[1])
+    width, height = int(size[0]), int(size[1])
+    rewrite.check_memory(width, height)
+    return sensor, width, height
