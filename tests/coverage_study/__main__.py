@@ -41,7 +41,7 @@ def show_coverage(scenes: list[str], runs: int, quick: bool) -> None:
         table.add_column(column, justify="left" if column == "scene" else "right")
     for name in scenes:
         is_rare = name in rare_light.NAMES
-        bank = fill(name, 3000 if is_rare else 800, 1024 if is_rare or quick else 4096)
+        bank = fill(name, 2000 if is_rare else 600, 1024 if is_rare or quick else 2048)
         rows = coverage.measure(bank, runs)
         weight = sum(r.trusted for r in rows)
         pooled = sum(r.trusted * r.covered for r in rows) / weight if weight else math.nan
