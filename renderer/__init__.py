@@ -11,8 +11,11 @@ Importing this package imports neither Mitsuba nor any HTTP code.
 from renderer import backend, errors
 from renderer.estimate.estimate import Estimate, PixelReading, merge
 from renderer.estimate.forecast import CurvePoint, Forecast
+from renderer.estimate.health import Health
 from renderer.integral import Integral, integrate
 from renderer.progress import Snapshot, progressive, render
+from renderer.region import Region
+from renderer.replay import Replay, replay
 from renderer.scene import gallery
 from renderer.scene.compile import Scene, load_scene
 from renderer.settings import Settings, Target
@@ -23,8 +26,11 @@ __all__ = [
     "CurvePoint",
     "Estimate",
     "Forecast",
+    "Health",
     "Integral",
     "PixelReading",
+    "Region",
+    "Replay",
     "Scene",
     "Settings",
     "Snapshot",
@@ -36,4 +42,5 @@ __all__ = [
     "merge",
     "progressive",
     "render",
+    "replay",
 ]

@@ -31,7 +31,8 @@ MIN_MEASURED = 256  # pixels with a variance, before the error of the image is s
 CONFIDENCE = 0.95
 LOOKS = 2.0  # the chance of a false stop is shared among this many looks that differ
 WINDOW = 7
-SINGLE = 3.0  # a share of 1/SINGLE of the variance in one value is taken as all of it
+SINGLE = 2.0  # a share of 1/SINGLE of the variance in one value is taken as all of it
+MOST_DOUBT = 8.0  # times what the pixel says itself: the edge of a light is no rare value
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +131,7 @@ def _careful(moments: Moments, width: int, floor: float) -> tuple[NDArray[np.flo
         mean = moments.mean[:, c]
         around = (box_sum(np.ascontiguousarray(mean).reshape(shape), WINDOW).ravel() - mean) / others
         believed = mean + doubt * (np.minimum(np.abs(mean), np.maximum(around, 0.0)) - mean)
-        result += variance[:, c] / (believed**2 + floor)
+        result += variance[:, c] / np.maximum(believed**2 + floor, (mean**2 + floor) / MOST_DOUBT)
     return result / 3.0, single
 
 

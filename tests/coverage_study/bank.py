@@ -1,13 +1,14 @@
-"""A bank of replicates: one scene's replicate means, rendered once and dealt to many independent runs.
+"""A bank of replicates: a population with a known mean, from which any number of independent runs draw.
 
-A run of K replicates takes K that no other run takes. `BankKernel` stands in for the path kernel and deals from the
-bank, so that the studied runs go through the real plan, stop rule and moments, while the light was traced in large and
-fast passes. The truth is the mean over the bank, or over the part of it that a run did not take.
+A scene's replicates are rendered once, in large passes. A run's replicate (seed, pixel, index) is one of the pixel's,
+chosen by hashing: replicates of a run are independent, runs are independent, and the truth is the mean of the bank,
+exactly. `BankKernel` stands in for the path kernel, so that a studied run goes through the real plan, moments, trust
+and stop rule. What a bank of n replicates cannot show is light that a pixel finds less than once in n replicates.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,49 +17,81 @@ from numpy.typing import NDArray
 
 import renderer
 from renderer.settings import Settings
+from tests.coverage_study import rare_light
 
 SHARED = Path(__file__).parents[3] / "shared" / "scenes"
 LANES = 2**18  # of one launch
+SIZE = 16
 
 
 @dataclass(frozen=True)
 class Bank:
-    """values: (replicates, pixels, 3) float32 replicate means of an image of width × height."""
+    """values: (replicates, pixels, 3) float32 replicate means of the scene's image."""
 
     name: str
-    width: int
-    height: int
-    size: int
+    scene: renderer.Scene
     values: NDArray[np.float32]
+    settings: Settings
+    mean: NDArray[np.float64] = field(init=False)
+    variance: NDArray[np.float64] = field(init=False)
 
-    @property
-    def n_pixels(self) -> int:
-        """Pixels of the image."""
-        return self.width * self.height
+    def __post_init__(self) -> None:
+        """mean, variance: (pixels, 3) of the population."""
+        object.__setattr__(self, "mean", self.values.mean(axis=0, dtype=np.float64))
+        object.__setattr__(self, "variance", self.values.var(axis=0, dtype=np.float64))
+
+
+class BankKernel:
+    """Deals replicates from a bank in place of rendering them."""
+
+    def __init__(self, bank: Bank) -> None:
+        self.values = bank.values
+
+    def launch(self, pixels: NDArray, replicates: NDArray, seed: int) -> tuple[NDArray, NDArray]:
+        """Radiance (3, n) and invalid (n,) of lanes."""
+        pixels = np.asarray(pixels, np.uint64)
+        index = _mixed(
+            _mixed(np.uint64(seed) + pixels * np.uint64(0x9E3779B97F4A7C15)) + np.asarray(replicates, np.uint64)
+        )
+        chosen = (index % np.uint64(len(self.values))).astype(np.int64)
+        return self.values[chosen, pixels.astype(np.int64)].T, np.zeros(len(pixels), np.uint32)
+
+
+def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Steele's 64-bit finaliser (SplitMix64)."""
+    with np.errstate(over="ignore"):
+        x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
 
 
 def source_of(name: str) -> str | Path | dict[str, Any]:
-    """A rare-light scene, a shared scene, or else one of the gallery."""
-    shared = SHARED / name / "scene.xml"
-    return shared if shared.is_file() and not name.startswith("gallery:") else name.removeprefix("gallery:")
+    """A rare-light scene, one of the gallery, or, with "shared/" before it, a shared one."""
+    if name.startswith("shared/"):
+        return SHARED / name.removeprefix("shared/") / "scene.xml"
+    return rare_light.scenes()[name] if name in rare_light.NAMES else name
 
 
-def fill(
-    name: str, source: str | Path | dict[str, Any], pixels: int, replicates: int, settings: Settings, seed: int
-) -> Bank:
-    """Renders a bank of about `pixels` pixels in the scene's own aspect."""
-    scene = renderer.load_scene(source)
+def is_there(name: str) -> bool:
+    """Whether the scene can be rendered here: the shared ones lie beside the checkout, or not."""
+    source = source_of(name) if name not in rare_light.NAMES else None
+    return not isinstance(source, Path) or source.is_file()
+
+
+def fill(name: str, pixels: int, replicates: int, seed: int = 1) -> Bank:
+    """Renders a bank of about `pixels` pixels, in the scene's own aspect."""
+    scene = renderer.load_scene(source_of(name))
     width = max(1, round((pixels * scene.width / scene.height) ** 0.5))
     height = max(1, round(width * scene.height / scene.width))
-    scene = scene.sized(Settings(width=width, height=height))
-    size = settings.replicate_size or 16
-    kernel = scene.kernel(scene.resolved(settings, size))
+    settings = Settings(width, height, technique="bsdf" if name in rare_light.NAMES else "mis", replicate_size=SIZE)
+    scene = scene.sized(settings)
+    kernel = scene.kernel(scene.resolved(settings, SIZE))
     n = scene.width * scene.height
     values = np.empty((replicates, n, 3), np.float32)
     step = max(1, LANES // n)
     every = np.arange(n, dtype=np.uint32)
     for first in range(0, replicates, step):
         some = np.arange(first, min(first + step, replicates), dtype=np.uint32)
-        radiance, _ = kernel.launch(np.tile(every, len(some)), np.repeat(some, n), seed)
-        values[some] = np.array(radiance).T.reshape(len(some), n, 3)
-    return Bank(name, scene.width, scene.height, size, values)
+        radiance = np.array(kernel.launch(np.tile(every, len(some)), np.repeat(some, n), seed)[0])
+        values[some] = np.broadcast_to(radiance, (3, radiance.shape[-1])).T.reshape(len(some), n, 3)
+    return Bank(name, scene, values, settings)

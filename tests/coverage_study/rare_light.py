@@ -10,9 +10,8 @@ import math
 from typing import Any
 
 from renderer.backend import mitsuba
-from renderer.settings import Settings
 
-SETTINGS = Settings(technique="bsdf", replicate_size=16)
+NAMES = ("rare-1e-3", "rare-1e-4", "rare-1e-3-half", "rare-1e-4-half", "rare-1e-3-dark")
 HEIGHT = 200.0
 ALBEDO = 0.5
 
@@ -56,10 +55,5 @@ def scene(probability: float, sky: float, is_half_shaded: bool = False) -> dict[
 
 def scenes() -> dict[str, dict[str, Any]]:
     """All of them by name."""
-    return {
-        "rare-1e-3": scene(1e-3, 1.0),
-        "rare-1e-4": scene(1e-4, 1.0),
-        "rare-1e-3-half": scene(1e-3, 1.0, True),
-        "rare-1e-4-half": scene(1e-4, 1.0, True),
-        "rare-1e-3-dark": scene(1e-3, 0.0),
-    }
+    made = (scene(1e-3, 1.0), scene(1e-4, 1.0), scene(1e-3, 1.0, True), scene(1e-4, 1.0, True), scene(1e-3, 0.0))
+    return dict(zip(NAMES, made, strict=True))

@@ -1,0 +1,121 @@
+"""Asked error against true error: how often the stop rule keeps its word, and what it spends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from unittest.mock import patch
+
+import numpy as np
+
+import renderer
+from renderer.estimate.error import floor_of
+from renderer.scene.compile import Scene
+from tests.coverage_study.bank import Bank, BankKernel
+
+FORECAST_AT = 0.1  # of the run
+NEAR = 0.25
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """reached: share of runs whose true error was below the target. spent: mean samples over those of an oracle, which
+    knows after how many samples 95 % of the runs are below it. spp: mean samples per pixel. forecasts: share of runs
+    that had one after a tenth of the samples; near: share of those within 25 % of the truth.
+    """
+
+    target: float
+    runs: int
+    reached: float
+    spent: float
+    spp: float
+    forecasts: float
+    near: float
+
+
+def true_error(bank: Bank, mean: np.ndarray) -> float:
+    """Relative error of an image against the bank's mean."""
+    return float(np.sqrt(np.mean((mean - bank.mean) ** 2 / (bank.mean**2 + floor_of(bank.mean)))))
+
+
+def measure(bank: Bank, target: float, runs: int, adaptive: bool = True) -> Stopping:
+    """Independent runs to one target. Render time is samples here: dealing from a bank has no other."""
+    kernel = BankKernel(bank)
+    reached, spent, forecasts, curves = [], [], [], []
+    with patch.object(Scene, "kernel", lambda self, settings: kernel):
+        for run in range(runs):
+            settings = renderer.Settings(**{**bank.settings.as_dict(), "seed": 5000 + run, "adaptive": adaptive})
+            curve: list[tuple[float, float]] = []
+            said: list[tuple[float, float]] = []
+            last = None
+            for last in _rounds(bank, target, settings):
+                curve.append((last.spp, true_error(bank, last.estimate.moments.mean)))
+                if last.forecast is not None:
+                    said.append((last.spp, last.forecast.seconds_left))
+            assert last is not None
+            reached.append(curve[-1][1] <= target)
+            spent.append(last.spp)
+            curves.append(curve)
+            forecasts.append(_forecast_ratio(said, last.spp))
+    known = [f for f in forecasts if f is not None]
+    return Stopping(
+        target=target,
+        runs=runs,
+        reached=float(np.mean(reached)),
+        spent=float(np.mean(spent)) / _oracle(curves, target),
+        spp=float(np.mean(spent)),
+        forecasts=len(known) / runs,
+        near=float(np.mean([abs(f - 1) <= NEAR for f in known])) if known else float("nan"),
+    )
+
+
+def _rounds(bank: Bank, target: float, settings: renderer.Settings):
+    """Snapshots of a run at every planned checkpoint, with time counted in samples per pixel."""
+    from renderer import progress
+
+    n = bank.values.shape[1]
+
+    class Clock:
+        """A clock that the samples drive: forecasts are then about the curve, not about this machine."""
+
+        now = 0.0
+
+        def perf_counter(self) -> float:
+            return self.now
+
+        def monotonic(self) -> float:
+            return self.now
+
+    clock = Clock()
+    inner = BankKernel(bank)
+
+    class Timed:
+        def launch(self, pixels, replicates, seed):
+            clock.now += len(pixels) * 16 / n
+            return inner.launch(pixels, replicates, seed)
+
+    with (
+        patch.object(progress, "time", clock),
+        patch.object(progress, "MIN_SNAPSHOT_SECONDS", 0.0),
+        patch.object(progress, "MAX_SNAPSHOT_SECONDS", 0.0),
+        patch.object(Scene, "kernel", lambda self, settings: Timed()),
+    ):
+        goal = renderer.Target(error=target, spp=len(bank.values) * 64)
+        yield from renderer.progressive(bank.scene, goal, settings)
+
+
+def _forecast_ratio(said: list[tuple[float, float]], end: float) -> float | None:
+    """Forecast total over true total, by the first forecast made after a tenth of the run; None if none was made
+    before a fifth of it."""
+    for at, left in said:
+        if at >= FORECAST_AT * end:
+            return (at + left) / end if at <= 2 * FORECAST_AT * end else None
+    return None
+
+
+def _oracle(curves: list[list[tuple[float, float]]], target: float) -> float:
+    """Samples per pixel after which 95 % of the runs are below the target, from each run's own error curve.
+
+    Between checkpoints error² falls like 1/samples.
+    """
+    needed = [spp * (error / target) ** 2 for curve in curves for spp, error in curve[-3:]]
+    return float(np.quantile(needed, 0.95))

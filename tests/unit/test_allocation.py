@@ -1,0 +1,91 @@
+"""Facts about allocation: nobody starves, nobody decides for itself, the budget is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from renderer.allocation import FLOOR_SHARE, GROWTH, MAX_GROWTH, next_counts
+from renderer.estimate.moments import Moments
+
+WIDTH, HEIGHT = 24, 16
+N = WIDTH * HEIGHT
+LAWS = settings(max_examples=40, deadline=None, derandomize=True)
+
+
+def moments_of(spread: NDArray, n_replicates: int = 16, seed: int = 0) -> Moments:
+    """Replicates of mean 1 with the given standard deviation (n,) per pixel."""
+    rng, moments = np.random.default_rng(seed), Moments.empty(len(spread))
+    for _ in range(n_replicates):
+        value = 1 + spread * rng.uniform(-1.7, 1.7, len(spread))
+        moments.add(slice(None), np.repeat(value[:, None], 3, axis=1), np.zeros(len(spread), np.uint32), 4)
+    return moments
+
+
+@LAWS
+@given(seed=st.integers(0, 999), n=st.integers(4, 40), scale=st.floats(1e-3, 10))
+def test_a_round_adds_its_share_and_takes_nothing_away(seed: int, n: int, scale: float) -> None:
+    spread = scale * np.random.default_rng(seed).lognormal(0, 1.5, N)
+    moments = moments_of(spread, n, seed)
+    more = next_counts(moments, WIDTH, HEIGHT) - moments.tried
+    assert (more >= 0).all()
+    assert (more <= np.ceil((MAX_GROWTH - 1) * moments.tried)).all()
+    assert more.sum() == pytest.approx((GROWTH - 1) * n * N, rel=0.1, abs=N / 20)
+
+
+def test_a_pixels_own_values_do_not_change_its_count() -> None:
+    moments = moments_of(np.full(N, 0.5))
+    before = next_counts(moments, WIDTH, HEIGHT)
+    i = 8 * WIDTH + 12
+    moments.m2[i] *= 2.0
+    moments.m3[i] *= 2.0**1.5
+    after = next_counts(moments, WIDTH, HEIGHT)
+    neighbour = i + 1
+    assert abs(int(after[i]) - int(before[i])) <= 1, "through the sum over the image alone"
+    moments.m2[i] *= 1000
+    assert next_counts(moments, WIDTH, HEIGHT)[neighbour] > after[neighbour], "its neighbours do take notice"
+
+
+def grown(spread: NDArray, rounds: int, **more: NDArray) -> Moments:
+    """Rounds of adaptive sampling."""
+    rng, moments = np.random.default_rng(3), moments_of(spread, 4)
+    for _ in range(rounds):
+        wanted = next_counts(moments, WIDTH, HEIGHT, **more)
+        while (behind := np.flatnonzero(wanted > moments.tried)).size:
+            value = 1 + spread[behind] * rng.uniform(-1.7, 1.7, len(behind))
+            moments.add(behind, np.repeat(value[:, None], 3, axis=1), np.zeros(len(behind), np.uint32), 4)
+    return moments
+
+
+def test_noisy_places_get_more_and_quiet_ones_their_floor() -> None:
+    noisy = np.arange(N) % WIDTH >= WIDTH // 2
+    count = grown(np.where(noisy, 1.0, 0.01), 20).count
+    assert count[noisy].mean() > 3 * count[~noisy].mean()
+    assert count.min() >= 0.8 * FLOOR_SHARE * count.mean()
+
+
+def test_even_noise_is_sampled_evenly() -> None:
+    count = grown(np.full(N, 0.5), 20).count
+    assert count.std() / count.mean() < 0.1
+
+
+def test_an_image_that_does_not_vary_is_sampled_evenly() -> None:
+    count = grown(np.zeros(N), 10).count
+    assert count.max() - count.min() <= 2
+
+
+def test_pixels_outside_the_focus_get_the_floor_alone() -> None:
+    focus = np.arange(N) % WIDTH < 6
+    count = grown(np.full(N, 0.5), 20, focus=focus).count
+    assert count[focus].mean() > 3 * count[~focus].mean()
+    assert count[~focus].min() >= 0.8 * FLOOR_SHARE * count.mean()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (7, 1), (2, 3)])
+def test_the_smallest_images_have_a_next_round_too(size: tuple[int, int]) -> None:
+    width, height = size
+    moments = moments_of(np.full(width * height, 0.5), 5)
+    assert next_counts(moments, width, height).sum() > 5 * width * height
