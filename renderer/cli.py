@@ -85,6 +85,10 @@ def say_seconds(seconds: float) -> str:
     return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
 
 
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
 @app.command()
 def render(
     scene: Annotated[str, typer.Argument(help="A Mitsuba .xml file, or a name that `fredholm gallery` lists.")],
@@ -111,6 +115,10 @@ def render(
     adaptive: Annotated[
         bool, typer.Option("--adaptive/--uniform", help="More samples where they lower the error most, or all alike.")
     ] = True,
+    colour: Annotated[str, typer.Option(help="mono, rgb or spectral; auto takes the leanest that fits.")] = "auto",
+    channels: Annotated[
+        str, typer.Option(help="Also write these, for example albedo,normal,depth,position,shape_index.")
+    ] = "",
     resume: Annotated[Path | None, typer.Option(help="Go on from this EXR (same scene, settings and seed).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one last line of JSON.")] = False,
 ) -> None:
@@ -126,7 +134,7 @@ def render(
     Ctrl-C saves what there is. Exit codes: 0 done, 2 bad input, 130 interrupted (the image is saved).
     """
     width, height = parse_size(size) if size else (None, None)
-    settings = Settings(width, height, seed, max_depth, technique, replicate_size, adaptive=adaptive)
+    settings = Settings(width, height, seed, max_depth, technique, replicate_size, colour, adaptive, _names(channels))
     is_open = spp is None and error is None and time_limit is None
     target = Target(
         error=DEFAULT_ERROR if is_open else parse_error(error) if error else None,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from renderer import allocation, plan
 from renderer.errors import CheckpointError
@@ -97,7 +98,7 @@ def render(
 
 def identity_of(scene: Scene, resolved: Settings) -> Identity:
     """What an estimate of this scene with these settings is an estimate of."""
-    kept = {k: v for k, v in resolved.as_dict().items() if k != "seed"}
+    kept = {k: v for k, v in resolved.as_dict().items() if k not in ("seed", "channels")}
     needs = scene.requirements
     kept |= {"hide_emitters": needs.hide_emitters, "rr_depth": needs.rr_depth, "film": scene.film}
     return Identity(scene.digest, scene.name, kept, resolved.seed)
@@ -120,6 +121,17 @@ def _check_resumable(start: Estimate, identity: Identity) -> None:
             raise CheckpointError(f"the checkpoint was made with {key} = {had}, asked is {value}")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Launch:
+    """A pass on its way: what it renders, its results to be, when it began and after which snapshot."""
+
+    work: plan.Pass
+    layers: list[tuple[NDArray[np.uint32], NDArray[np.uint32]]]
+    lanes: Any
+    began: float
+    sequence: int
+
+
 class _Render:
     """The mutable side of one render."""
 
@@ -135,6 +147,9 @@ class _Render:
         self.unseen = scene.cannot_see(settings)
         self.scope = target.region.scope(scene.width, scene.height) if target.region is not None else None
         self.seconds = start.seconds if start else 0.0
+        self.resumed_at = time.perf_counter()
+        self.in_flight: _Launch | None = None
+        self.channels = dict(start.channels) if start else {}
         self.sequence = 0
         self.curve: list[CurvePoint] = []
         self.snapshot_cost = 0.0
@@ -149,27 +164,61 @@ class _Render:
     def run(self, should_stop: Callable[[], bool]) -> Iterator[Snapshot]:
         stopped_by = self._stop_reason()
         while stopped_by is None:
-            for work in self._next_round():
-                self._run_pass(work)
+            for _ in self._rendered(self._next_round()):
                 if should_stop():
                     stopped_by = "interrupted"
-                elif self.target.seconds is not None and self.seconds >= self.target.seconds:
+                elif self._is_time_over():
                     stopped_by = "seconds"
                 if stopped_by:
                     break
                 if self._is_snapshot_due():
-                    yield self._snapshot(None)
+                    snapshot = self._snapshot(None)
+                    self._count_time()
+                    yield snapshot
+                    self.resumed_at = time.perf_counter()
+            if self.in_flight is not None:
+                self._add(self.in_flight, self._fetch(self.in_flight))
             stopped_by = stopped_by or self._stop_reason()
         yield self._snapshot(stopped_by)
+
+    def _rendered(self, works: Iterator[plan.Pass]) -> Iterator[None]:
+        """Renders passes, one after the other. The next one runs while the last one's results are added, and while the
+        caller looks at a snapshot: no processor waits for that.
+        """
+        work = next(works, None)
+        while work is not None or self.in_flight is not None:
+            launched = self.in_flight or self._launch(work)
+            self.in_flight = None
+            results = self._fetch(launched)
+            work = next(works, None)
+            # Not before the first picture, which nothing shall hold back.
+            if work is not None and self.sequence > 0 and not self._is_time_nearly_over():
+                self.in_flight = self._launch(work)
+            self._add(launched, results)
+            yield
+
+    def _count_time(self) -> None:
+        """Brings `seconds` up to now; suspended time does not count."""
+        now = time.perf_counter()
+        self.seconds += now - self.resumed_at
+        self.since_snapshot += now - self.resumed_at
+        self.resumed_at = now
+
+    def _is_time_over(self) -> bool:
+        self._count_time()
+        return self.target.seconds is not None and self.seconds >= self.target.seconds
+
+    def _is_time_nearly_over(self) -> bool:
+        """Whether a further pass would begin before the one at hand has shown that the time is over."""
+        self._count_time()
+        return self.target.seconds is not None and self.seconds + plan.PASS_SECONDS >= self.target.seconds
 
     def _next_round(self) -> Iterator[plan.Pass]:
         tried, s = self.moments.tried, self.scene
         if not self.settings.adaptive or int(tried.min()) < plan.ADAPTIVE_FROM:
             return plan.next_round(tried, s.width, s.height, self.size, self.wanted, self._pass_samples)
         if self._is_round_over():
-            began = time.perf_counter()
             self.planned = allocation.next_counts(self.moments, s.width, s.height, self.scope)
-            self.seconds += time.perf_counter() - began
         assert self.planned is not None
         left = None if self.wanted is None else self.wanted * self.n - int(tried.sum())
         return plan.planned_round(tried, self.planned, s.width, self.size, left, self._pass_samples)
@@ -177,24 +226,32 @@ class _Render:
     def _is_round_over(self) -> bool:
         return self.planned is None or bool((self.moments.tried >= self.planned).all())
 
-    def _run_pass(self, work: plan.Pass) -> None:
-        began = time.perf_counter()
+    def _launch(self, work: plan.Pass | None) -> _Launch:
+        assert work is not None
         layers = list(work.layers())
         pixels, replicates = (np.concatenate(parts) for parts in zip(*layers, strict=True))
         lanes = self.kernel.launch(pixels, replicates, self.settings.seed)
-        radiance, invalid = np.array(lanes[0]).T, np.array(lanes[1])
+        return _Launch(work, layers, lanes, time.perf_counter(), self.sequence)
+
+    def _fetch(self, launched: _Launch) -> tuple[NDArray, NDArray]:
+        """Waits for a pass and returns its lanes' radiance (n, 3) and numbers of invalid samples (n,)."""
+        radiance, invalid = np.array(launched.lanes[0]).T, np.array(launched.lanes[1])
+        if launched.sequence == self.sequence:  # else it may have waited for us
+            speed = launched.work.n_lanes * self.size / max(time.perf_counter() - launched.began, 1e-6)
+            # The first pass may have compiled: a later, faster one replaces it at once.
+            self.speed = speed if speed > 2 * self.speed else 0.7 * self.speed + 0.3 * speed
+        return radiance, invalid
+
+    def _add(self, launched: _Launch, results: tuple[NDArray, NDArray]) -> None:
+        radiance, invalid = results
         start = 0
-        for some, _ in layers:
+        for some, _ in launched.layers:
             part = slice(start, start + len(some))
             where = slice(None) if len(some) == self.n else some
             self.moments.add(where, radiance[part], invalid[part], self.size)
             start += len(some)
-        took = time.perf_counter() - began
-        self.seconds += took
-        self.since_snapshot += took
-        speed = work.n_lanes * self.size / max(took, 1e-6)
-        # The first pass may have compiled: a later, faster one replaces it at once.
-        self.speed = speed if speed > 2 * self.speed else 0.7 * self.speed + 0.3 * speed
+        if launched is self.in_flight:
+            self.in_flight = None
 
     def _pass_samples(self) -> int:
         return plan.pass_samples_for(self.speed)
@@ -209,15 +266,14 @@ class _Render:
         tried = self.moments.tried
         if self.wanted is not None and int(tried.sum()) >= self.wanted * self.n:
             return "spp"
-        if self.target.seconds is not None and self.seconds >= self.target.seconds:
+        if self._is_time_over():
             return "seconds"
         low, is_level = int(tried.min()), int(tried.min()) == int(tried.max())
         is_planned = plan.is_checkpoint(low) if is_level else self.settings.adaptive and self._is_round_over()
         if not is_planned or low < plan.MIN_REPLICATES_TO_STOP:
             return None
-        began = time.perf_counter()
         found = self._error(is_trust_wanted=False)
-        self.seconds += time.perf_counter() - began
+        self._count_time()
         self._extend_curve(found)
         return "error" if self._is_reached(found) else None
 
@@ -251,6 +307,9 @@ class _Render:
         moments = self.moments if stopped_by else self.moments.copy()
         found = self._error(is_trust_wanted=False)
         self._extend_curve(found)
+        missing = tuple(name for name in self.settings.channels if name not in self.channels)
+        if missing and (stopped_by or self.sequence > 1):  # nothing holds the first picture back
+            self.channels |= self.scene.channels(self.settings, missing)
         estimate = Estimate(
             width=self.scene.width,
             height=self.scene.height,
@@ -260,6 +319,7 @@ class _Render:
             seconds=self.seconds,
             ranges=((self.settings.seed, int(moments.tried.max())),),
             planned=None if self._is_round_over() else self.planned,
+            channels=dict(self.channels),
             notes={"warnings": list(self.scene.warnings), "cannot_see": list(self.unseen)},
         )
         goal = self.target.error

@@ -12,6 +12,7 @@ from typing import Any
 from renderer.errors import SettingsError
 from renderer.region import Region
 
+CHANNELS = ("albedo", "normal", "depth", "position", "shape_index")
 COLOURS = ("auto", "mono", "rgb", "spectral")
 TECHNIQUES = ("mis", "bsdf", "emitter", "cosine", "uniform")
 MAX_SIDE = 16384
@@ -38,6 +39,7 @@ class Settings:
     colour: how radiance depends on wavelength: mono, rgb or spectral; auto takes mono where nothing is coloured, else
     rgb. Images are linear sRGB in each.
     adaptive: sample pixels more often where that lowers the image error most; else all alike.
+    channels: what else to say of each pixel: albedo, normal, depth, position, shape_index.
     """
 
     width: int | None = None
@@ -48,8 +50,13 @@ class Settings:
     replicate_size: int | None = None
     colour: str = "auto"
     adaptive: bool = True
+    channels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", tuple(self.channels))  # JSON has lists only
+        for name in self.channels:
+            if name not in CHANNELS:
+                raise SettingsError(f"channel {name!r} is not known; choose from {', '.join(CHANNELS)}")
         for name in ("width", "height"):
             if (side := getattr(self, name)) is not None:
                 _whole(name, side, 1, MAX_SIDE)

@@ -71,6 +71,12 @@ class SettingsRequest(_Request):
     max_depth: int | None = Field(default=None, ge=-1, le=1_000_000, description="-1 = unlimited")
     technique: Technique = "mis"
     adaptive: bool = Field(default=True, description="more samples where they lower the error most")
+    colour: Literal["auto", "mono", "rgb", "spectral"] = Field(
+        default="auto", description="auto: the leanest that fits"
+    )
+    channels: list[Literal["albedo", "normal", "depth", "position", "shape_index"]] = Field(
+        default_factory=list, max_length=5, description="also in the EXR"
+    )
 
 
 class JobRequest(_Request):
@@ -116,6 +122,8 @@ class Settings(BaseModel):
     max_depth: int | None
     technique: Technique
     adaptive: bool = True
+    colour: str = "auto"
+    channels: list[str] = Field(default_factory=list)
 
 
 class Forecast(BaseModel):

@@ -51,6 +51,7 @@ class Estimate:
     ranges: (seed, replicates) pairs: for each seed, how many replicates at most a pixel holds, counted from 0.
     notes: warnings of the scene and what its technique cannot see, for `health`.
     planned: (n,) replicates of each pixel at the end of the round in progress; None where all pixels are served alike.
+    channels: what was asked for beside radiance, by name: (H, W, 1) or (H, W, 3) float32.
     """
 
     width: int
@@ -62,6 +63,7 @@ class Estimate:
     ranges: tuple[tuple[int, int], ...] = ((0, 0),)
     notes: dict[str, Any] = field(default_factory=dict)
     planned: NDArray[np.int64] | None = None
+    channels: dict[str, NDArray[np.float32]] = field(default_factory=dict)
 
     def _shaped(self, array: NDArray) -> NDArray:
         return array.reshape(self.height, self.width, *array.shape[1:])
@@ -188,4 +190,5 @@ def merge(a: Estimate, b: Estimate) -> Estimate:
         seconds=a.seconds + b.seconds,
         ranges=tuple(sorted({r for r in (*a.ranges, *b.ranges) if r[1]})) or a.ranges[:1],
         notes=a.notes,
+        channels=b.channels | a.channels,
     )

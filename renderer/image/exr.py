@@ -1,6 +1,7 @@
 """The estimate as an EXR, through OpenImageIO. The file opens in any viewer; it is also the checkpoint.
 
-Part one, float32: R G B (pixels without samples take their neighbours'), stderr.R/G/B/Y, count, trust, invalid.
+Part one, float32: R G B (pixels without samples take their neighbours'), stderr.R/G/B/Y, count, trust, invalid, and
+on request albedo.R/G/B, normal.X/Y/Z, depth, position.X/Y/Z, shape_index.
 Part two, "moments": mean and m2 as the two 32-bit halves of their float64 bits, so that reading back loses nothing.
 Metadata carries scene, settings, seed, error, seconds and versions under `fredholm:` names.
 """
@@ -21,6 +22,7 @@ from renderer.errors import CheckpointError
 from renderer.estimate.error import image_error
 from renderer.estimate.estimate import Estimate, Identity
 from renderer.estimate.moments import Moments
+from renderer.settings import CHANNELS
 
 PICTURE_CHANNELS = (
     "R",
@@ -71,8 +73,9 @@ def write_estimate(estimate: Estimate, path: Path, metadata: dict[str, Any]) -> 
 
 def _write_parts(estimate: Estimate, path: Path, metadata: dict[str, Any]) -> None:
     h, w = estimate.height, estimate.width
-    picture = oiio.ImageSpec(w, h, len(PICTURE_CHANNELS), "float")
-    picture.channelnames = PICTURE_CHANNELS
+    names = (*PICTURE_CHANNELS, *(name for channel in sorted(estimate.channels) for name in _parts_of(channel)))
+    picture = oiio.ImageSpec(w, h, len(names), "float")
+    picture.channelnames = names
     picture.attribute("oiio:subimagename", "picture")
     picture.attribute("compression", "zips")
     for key, value in _metadata(estimate, metadata).items():
@@ -97,10 +100,31 @@ def _write_parts(estimate: Estimate, path: Path, metadata: dict[str, Any]) -> No
         out.close()
 
 
+def _parts_of(channel: str) -> tuple[str, ...]:
+    """Names in the file of a channel on request."""
+    parts = {"albedo": "RGB", "normal": "XYZ", "position": "XYZ"}.get(channel)
+    return tuple(f"{channel}.{part}" for part in parts) if parts else (channel,)
+
+
+def _channels_of(source: Any, names: tuple[str, ...]) -> dict[str, NDArray[np.float32]]:
+    """The channels on request that a file holds."""
+    wanted = [channel for channel in CHANNELS if _parts_of(channel)[0] in names]
+    if not wanted:
+        return {}
+    pixels = source.read_image(0, 0, 0, len(names), "float")
+    if pixels is None:
+        raise CheckpointError(f"the picture cannot be read ({source.geterror()})")
+    return {
+        channel: np.stack([pixels[..., names.index(part)] for part in _parts_of(channel)], axis=-1)
+        for channel in wanted
+    }
+
+
 def _picture_array(estimate: Estimate) -> NDArray[np.float32]:
     stderr = np.nan_to_num(estimate.stderr, nan=0.0).astype(np.float32)
     flags = [estimate.count, estimate.trust, estimate.invalid]
     channels = [estimate.filled(), stderr, *(f[..., None].astype(np.float32) for f in flags)]
+    channels += [estimate.channels[name] for name in sorted(estimate.channels)]
     return np.ascontiguousarray(np.concatenate(channels, axis=-1))
 
 
@@ -190,6 +214,7 @@ def read_estimate(path: Path) -> Estimate:
             seconds=float(get("seconds")),
             notes={key: json.loads(get("health"))[key] for key in ("warnings", "cannot_see")},
             planned=exact[:, 13].astype(np.int64) if exact[:, 13].any() else None,
+            channels=_channels_of(source, tuple(spec.channelnames)),
             ranges=tuple((int(s), int(n)) for s, n in json.loads(get("ranges"))),
         )
     finally:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from renderer.backend import using, variant_for
 from renderer.scene import rewrite
 from renderer.scene.limits import SceneLimits
@@ -18,7 +20,6 @@ from renderer.scene.source import Parsed, instantiate, load_part, parse
 from renderer.settings import UNLIMITED_DEPTH, Settings
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from renderer.equation.path import PathKernel
@@ -111,7 +112,15 @@ class Scene:
         """What lies behind each pixel, by name: see `renderer.equation.channels`. settings: resolved ones."""
         from renderer.equation.channels import render_channels
 
-        return render_channels(self.kernel(settings), names, self.width, self.height, settings.seed)
+        found = render_channels(self.kernel(settings), names, self.width, self.height, settings.seed)
+        # In the scene's own coordinates, not in those that it is rendered in; 0 stands for "nothing there".
+        if "depth" in found:
+            found["depth"] = self.similarity.original_distance(found["depth"]).astype("float32")
+        if "position" in found:
+            original = self.similarity.original_position(found["position"])
+            is_nothing = (found["position"] == 0).all(axis=-1, keepdims=True)
+            found["position"] = np.where(is_nothing, 0, original).astype(np.float32)
+        return found
 
     def cannot_see(self, settings: Settings) -> tuple[str, ...]:
         """What the technique of resolved settings cannot find: "point light 'lamp'"."""

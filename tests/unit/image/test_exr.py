@@ -13,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import renderer
 from renderer.errors import CheckpointError
 from renderer.estimate.error import image_error
 from renderer.estimate.estimate import Estimate, Identity
@@ -249,3 +250,29 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OSError, match=r"must end in \.exr"):
         estimate().write(tmp_path / "a.png")
     assert not list(tmp_path.iterdir())
+
+
+def test_channels_on_request_are_named_in_the_file_and_read_back(tmp_path: Path) -> None:
+    asked = ("albedo", "normal", "depth", "position", "shape_index")
+    made = renderer.render("cornell-box", renderer.Target(spp=8), renderer.Settings(16, 12, channels=asked))
+    made.write(tmp_path / "a.exr")
+    source = oiio.ImageInput.open(str(tmp_path / "a.exr"))
+    assert source is not None
+    assert {"albedo.R", "normal.Z", "depth", "position.X", "shape_index"} <= set(source.spec().channelnames)
+    source.close()
+    back = renderer.Estimate.read(tmp_path / "a.exr").channels
+    assert set(back) == set(asked)
+    assert all(np.array_equal(back[name], made.channels[name]) for name in asked)
+    assert made.channels["depth"].shape == (12, 16, 1)
+
+
+def test_estimates_with_and_without_channels_are_estimates_of_the_same_thing() -> None:
+    small = lambda seed, **more: renderer.Settings(8, 8, seed=seed, **more)  # noqa: E731
+    with_depth = renderer.render("cornell-box", renderer.Target(spp=8), small(1, channels=("depth",)))
+    without = renderer.render("cornell-box", renderer.Target(spp=8), small(2))
+    assert "depth" in renderer.merge(without, with_depth).channels
+
+
+def test_an_unknown_channel_is_refused_by_name() -> None:
+    with pytest.raises(renderer.errors.SettingsError, match="channel 'colour' is not known"):
+        renderer.Settings(channels=("colour",))
