@@ -67,9 +67,9 @@ def settings_of(estimate: Estimate) -> Settings:
     if len(estimate.ranges) > 1:
         raise CheckpointError("the estimate is a merge of several seeds; replay from one of its parts")
     names = {f.name for f in fields(Settings)}
-    return Settings(
-        **{k: v for k, v in estimate.identity.settings.items() if k in names}, **{"seed": estimate.identity.seed}
-    )
+    kept: dict[str, Any] = {k: v for k, v in estimate.identity.settings.items() if k in names}
+    kept["seed"] = estimate.identity.seed
+    return Settings(**kept)
 
 
 def differences(estimate: Estimate, pixel: tuple[int, int], again: Replay) -> list[str]:
