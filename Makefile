@@ -7,7 +7,7 @@ HOST ?= 127.0.0.1
 # A fixed file instead of the newest releases: the two commands stay repeatable.
 LOCK := requirements.lock
 
-.PHONY: run test check bench test-long test-oracle extremes page thumbnails lock clean help
+.PHONY: run test check bench test-long test-oracle extremes coverage page thumbnails lock clean help
 
 help: ## Say what each target does
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -41,6 +41,9 @@ check: page ## Formatting, lint, types, page checks
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 	$(BIN)/python hatch_build.py --check
+
+coverage: $(VENV)/.ready ## What error bars, stop rule and adaptive sampling are worth, measured (half an hour)
+	$(BIN)/python -m tests.coverage_study | tee tests/coverage_study/result.txt
 
 bench: $(VENV)/.ready ## Speed and error at equal time against Mitsuba's path, as ratios within one run
 	$(BIN)/python -m tests.benchmarks

@@ -270,7 +270,7 @@ class _Render:
             return "seconds"
         low, is_level = int(tried.min()), int(tried.min()) == int(tried.max())
         is_planned = plan.is_checkpoint(low) if is_level else self.settings.adaptive and self._is_round_over()
-        if not is_planned or low < plan.MIN_REPLICATES_TO_STOP:
+        if self.target.error is None or not is_planned or low < plan.MIN_REPLICATES_TO_STOP:
             return None
         found = self._error(is_trust_wanted=False)
         self._count_time()

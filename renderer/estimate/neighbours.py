@@ -10,9 +10,12 @@ Map = NDArray[np.float64]
 
 
 def box_sum(values: Map, size: int) -> Map:
-    """(H, W) sum over the size × size pixels around each one; what lies outside the image counts nothing."""
+    """(H, W) sum of what is not negative over the size × size pixels around each one; outside the image is nothing.
+
+    The filter's running sums leave rounding behind them, of either sign.
+    """
     down = uniform_filter1d(values, size, axis=0, mode="constant")
-    return uniform_filter1d(down, size, axis=1, mode="constant") * float(size * size)
+    return np.maximum(uniform_filter1d(down, size, axis=1, mode="constant") * float(size * size), 0.0)
 
 
 def box_mean(values: Map, size: int) -> Map:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
@@ -275,6 +277,81 @@ def test_two_seeds_merge_and_equal_seeds_are_refused(
 def test_one_file_is_no_merge(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:
     assert fredholm("merge", "a.exr", "-o", "b.exr").code == 2
     assert "at least two files" in said(capsys)[1]
+
+
+def test_a_pixel_is_replayed_and_a_changed_file_is_noticed(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert fredholm("render", *TINY, "--spp", "12").code == 0
+    assert fredholm("replay", "cornell-box", "out.exr", "5,9").code == 0
+    out, err = capsys.readouterr()
+    assert len(out.splitlines()) == Estimate.read("out.exr").count[9, 5]
+    assert "the same bits" in err
+    changed = Estimate.read("out.exr")
+    changed.moments.mean[9 * 16 + 5, 1] += 1e-12
+    changed.write("changed.exr")
+    assert fredholm("replay", "cornell-box", "changed.exr", "5,9").code == 1
+    assert "not the same bits: mean" in said(capsys)[1]
+    assert fredholm("replay", "cornell-box", "out.exr", "5,9", "--replicate", "2").code == 0
+    for bad, named in (("16,0", "outside the image"), ("5", "write it as X,Y")):
+        assert fredholm("replay", "cornell-box", "out.exr", bad).code == 2
+        assert named in said(capsys)[1]
+
+
+def test_health_confidence_and_region_are_in_the_report(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ("--error", "60%", "--confidence", "90%", "--region", "0,8,16,8", "--json")
+    assert fredholm("render", *TINY[:3], *asked).code == 0
+    out, err = capsys.readouterr()
+    report = json.loads(out.splitlines()[-1])
+    assert report["stopped_by"] == "error"
+    assert 0 < report["error"] < report["error_upper"] <= 0.6
+    assert report["health"]["status"] == "uncertain"
+    assert "with 90 % confidence" in err
+    assert "error bars that cannot be believed yet" in err
+    for bad, named in (
+        (("--error", "5%", "--confidence", "2"), "confidence is 2.0; it must be from 0.5"),
+        (("--spp", "4", "--share", "90%"), "share is given without an error"),
+        (("--error", "5%", "--region", "9,9,9,9"), "reaches outside the image of 16×16"),
+        (("--error", "5%", "--region", "none.png"), "no such image"),
+    ):
+        assert fredholm("render", *TINY, *bad).code == 2
+        assert named in said(capsys)[1]
+
+
+HURRIED = """
+import renderer.cli as cli
+cli.CHECKPOINT_SECONDS = 0.5
+cli.main()
+"""
+
+
+def test_a_killed_render_loses_no_more_than_its_last_checkpoint_interval(tmp_path: Path) -> None:
+    out = tmp_path / "out.exr"
+    arguments = ["render", *TINY, "--time", "120s", "-o", str(out)]
+    process = subprocess.Popen([sys.executable, "-c", HURRIED, *arguments], cwd=ROOT, stderr=subprocess.DEVNULL)
+    try:
+        saved: list[float] = []
+        deadline = time.monotonic() + 90
+        while len(saved) < 4 and time.monotonic() < deadline:
+            if out.exists() and (not saved or out.stat().st_mtime > saved[-1]):
+                saved.append(out.stat().st_mtime)
+            time.sleep(0.02)
+        assert len(saved) == 4
+        os.kill(process.pid, signal.SIGKILL)
+    finally:
+        process.kill()
+        process.wait()
+    left = Estimate.read(out)
+    assert left.seconds > 0
+    assert max(b - a for a, b in itertools.pairwise(saved)) < 10 * 0.5, "loose: the machine may be busy"
+    command = [sys.executable, "-m", "renderer.cli", "render", *TINY, "-o", str(out), "--resume", str(out)]
+    done = subprocess.run([*command, "--time", f"{left.seconds + 0.3}s"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    resumed = Estimate.read(out)
+    assert resumed.samples > left.samples
+    assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".")] == ["out.exr"]
 
 
 ANNOUNCED = """

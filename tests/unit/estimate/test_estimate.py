@@ -32,6 +32,17 @@ def test_merging_two_seeds_adds_samples_seconds_and_ranges() -> None:
     np.testing.assert_allclose(merged.mean, (9 * a.mean + 7 * b.mean) / 16)
 
 
+def test_merging_estimates_keeps_the_merge_laws() -> None:
+    a, b, c, none = (estimate(seed, n_replicates=n) for seed, n in ((1, 9), (2, 4), (3, 17), (4, 0)))
+    left, right = merge(merge(a, b), c), merge(a, merge(b, c))
+    for one, other in ((left, right), (merge(a, b), merge(b, a)), (merge(a, none), a), (merge(none, a), a)):
+        np.testing.assert_array_equal(one.count, other.count)
+        np.testing.assert_allclose(one.mean, other.mean, rtol=1e-12)
+        np.testing.assert_allclose(one.moments.m2, other.moments.m2, rtol=1e-12)
+        np.testing.assert_allclose(one.moments.m3, other.moments.m3, atol=1e-12)
+        assert one.ranges == other.ranges
+
+
 def test_replicates_of_one_seed_are_never_counted_twice() -> None:
     a, b, c = estimate(1), estimate(2), estimate(3)
     with pytest.raises(MergeError, match=r"overlap.*seed 1"):
