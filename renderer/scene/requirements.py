@@ -61,6 +61,7 @@ class Requirements:
     has_transmission: bool
     has_environment: bool
     has_point_lights: bool
+    has_visible_emitters: bool
     reflects: bool
     needs_time: bool
     depth_advice: str
