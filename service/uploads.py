@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from typing import Any, BinaryIO
 
 import structlog
 
-from renderer.scene.bundle import Bundle, BundleError, Limits, unpack
+from renderer.scene.bundle import Bundle, BundleError, Limits, shown_name, unpack
 from service.engine import inspection
 from service.engine.local import LocalEngine, Lost
 from service.engine.turn import SceneFacts
@@ -26,8 +27,7 @@ from service.settings import ServiceSettings
 from service.store import SceneRecord, SceneStore
 from service.store.records import now
 
-_FILES = "files"  # in a scene's folder: what was uploaded
-_REQUIREMENTS = "requirements.json"  # and beside it: what it requires
+_REQUIREMENTS = "requirements.json"  # beside the folder of what was uploaded
 _IDLE_SECONDS = 60.0
 _LOADING_SECONDS = 30.0  # to start a process and import the renderer, on a busy machine
 
@@ -55,11 +55,12 @@ class Uploads:
         """The stored scene, and whether it is new. Raises ProblemError."""
         folder = Path(await asyncio.to_thread(tempfile.mkdtemp, prefix=".upload-", dir=self._settings.scenes_dir))
         try:
-            bundle = await asyncio.to_thread(self._unpack, source, file_name, folder / _FILES)
+            inner = _folder_name(file_name)
+            bundle = await asyncio.to_thread(self._unpack, source, file_name, folder / inner)
             scene_id = bundle.digest[:16]
             if known := await asyncio.to_thread(self._store.get, scene_id):
                 return known, False
-            path = folder / _FILES / bundle.scene
+            path = folder / inner / bundle.scene
             facts = await self._inspect(inspection.inspect_upload, str(path), self._settings.max_scene_bytes)
             if facts.failure is not None:
                 # Messages of the renderer name the file; the folder it lies in is nobody's business.
@@ -71,7 +72,7 @@ class Uploads:
             scene = SceneRecord(
                 id=scene_id,
                 name=bundle.name,
-                path=f"{scene_id}/{_FILES}/{bundle.scene}",
+                path=f"{scene_id}/{inner}/{bundle.scene}",
                 width=facts.width,
                 height=facts.height,
                 digest=facts.digest,
@@ -143,6 +144,11 @@ class Uploads:
         if self._idle is not None:
             self._idle.cancel()
         self._engine.close()
+
+
+def _folder_name(file_name: str) -> str:
+    """A plain name for the folder of an upload: the renderer calls a scene.xml after its folder."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", shown_name(file_name))[:40].strip("-") or "scene"
 
 
 def scene_refused(title: str, detail: str) -> ProblemError:

@@ -43,6 +43,8 @@ class Model:
     technique: see `Settings`. max_depth: −1 = unlimited. rr_depth: vertices before roulette.
     has_sampleable_emitters: whether emitter sampling can find anything. hide_emitters: lights unseen by the camera.
     has_lens: whether the camera has an aperture. splits_lobes: see `Directions`.
+    has_transmission: whether light passes any surface. has_visible_emitters: whether a ray can hit a light (not where
+    all are points and directions). needs_time: whether the picture depends on the time within the shutter's opening.
     stratified: Owen-scrambled points, else independent ones.
     """
 
@@ -54,6 +56,9 @@ class Model:
     hide_emitters: bool = False
     has_lens: bool = True
     splits_lobes: bool = False
+    has_transmission: bool = True
+    has_visible_emitters: bool = True
+    needs_time: bool = True
     has_roulette: bool = True
     stratified: bool = True
 
@@ -129,17 +134,21 @@ class PathKernel:
             offset, filter_weight = self.filter.sample(sequence.point(index, PIXEL))
             position = (mi.Point2f(column, row) + offset) / mi.Vector2f(mi.Float(width), mi.Float(height))
             lens = sequence.point(index, LENS) if dr.hint(self.model.has_lens, mode="scalar") else mi.Point2f(0.5)
-            extra = sequence.point(index, TIME_AND_WAVELENGTH)
+            extra = mi.Point2f(0.5)
+            if dr.hint(self.model.needs_time or mi.is_spectral, mode="scalar"):
+                extra = sequence.point(index, TIME_AND_WAVELENGTH)
             camera_ray, camera_weight = self.sensor.sample_ray(
                 self.shutter_open + self.shutter_time * extra.x, extra.y, position, lens, is_new
             )
             origin[is_new] = camera_ray.o
             direction[is_new] = camera_ray.d
-            time[is_new] = camera_ray.time
+            if dr.hint(self.model.needs_time, mode="scalar"):
+                time[is_new] = camera_ray.time
             if dr.hint(mi.is_spectral, mode="scalar"):
                 wavelengths[is_new] = camera_ray.wavelengths
             throughput[is_new] = camera_weight * filter_weight
-            eta[is_new] = 1
+            if dr.hint(self.model.has_transmission, mode="scalar"):
+                eta[is_new] = 1
             prev_delta[is_new] = True
             radiance[is_new] = 0
 
@@ -151,23 +160,24 @@ class PathKernel:
 
             # ------------------------------ Emission ------------------------------
 
-            emitter = si.emitter(scene)
-            sees_emitter = active & (emitter != None)  # noqa: E711 (a Dr.Jit comparison)
-            if dr.hint(self.model.hide_emitters, mode="scalar"):
-                sees_emitter &= depth != 0
-            weight_hit = mi.Float(1)
-            if dr.hint(self.samples_emitters, mode="scalar"):
-                if dr.hint(self.model.technique == "emitter", mode="scalar"):
-                    weight_hit = dr.select(prev_delta, 1, 0)
-                else:
-                    ref = dr.zeros(mi.Interaction3f)
-                    ref.p = prev_p
-                    ref.time = time
-                    ds_hit = mi.DirectionSample3f(scene, si, ref)
-                    pdf_em = self.emitters.pdf(ref, ds_hit, sees_emitter & ~prev_delta)
-                    weight_hit = dr.select(prev_delta, 1, power_heuristic(prev_pdf, pdf_em))
-            emission = emitter.eval(si, sees_emitter)
-            radiance[sees_emitter] = radiance + throughput * weight_hit * emission
+            if dr.hint(self.model.has_visible_emitters, mode="scalar"):
+                emitter = si.emitter(scene)
+                sees_emitter = active & (emitter != None)  # noqa: E711 (a Dr.Jit comparison)
+                if dr.hint(self.model.hide_emitters, mode="scalar"):
+                    sees_emitter &= depth != 0
+                weight_hit = mi.Float(1)
+                if dr.hint(self.samples_emitters, mode="scalar"):
+                    if dr.hint(self.model.technique == "emitter", mode="scalar"):
+                        weight_hit = dr.select(prev_delta, 1, 0)
+                    else:
+                        ref = dr.zeros(mi.Interaction3f)
+                        ref.p = prev_p
+                        ref.time = time
+                        ds_hit = mi.DirectionSample3f(scene, si, ref)
+                        pdf_em = self.emitters.pdf(ref, ds_hit, sees_emitter & ~prev_delta)
+                        weight_hit = dr.select(prev_delta, 1, power_heuristic(prev_pdf, pdf_em))
+                emission = emitter.eval(si, sees_emitter)
+                radiance[sees_emitter] = radiance + throughput * weight_hit * emission
 
             # ------------------------------ Go on? ------------------------------
 
@@ -191,7 +201,9 @@ class PathKernel:
                 active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
                 # It is seen from where the next ray starts, a hair above the surface: then both techniques have the
                 # same directions to find it, and their weights sum to one even where a light touches the surface.
-                reflects = ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission)
+                reflects = mi.Bool(True)
+                if dr.hint(self.model.has_transmission, mode="scalar"):
+                    reflects = ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission)
                 ref_em = dr.zeros(mi.Interaction3f)
                 ref_em.p = dr.select(reflects, si.spawn_ray(-ray.d).o, si.p)
                 ref_em.time, ref_em.wavelengths = si.time, si.wavelengths
@@ -208,7 +220,7 @@ class PathKernel:
                         ctx, si, wo, lobe_and_roulette.x, u_direction, active_next
                     )
                 weight_em = mi.Float(1)
-                if dr.hint(self.model.technique == "mis", mode="scalar"):
+                if dr.hint(self.model.technique == "mis" and self.model.has_visible_emitters, mode="scalar"):
                     weight_em = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
                 contribution = throughput * si.to_world_mueller(value, -wo, si.wi) * emitter_weight * weight_em
                 active_em &= dr.any(contribution != 0)
@@ -233,10 +245,14 @@ class PathKernel:
                 next_ray.o[passes_through] = si.spawn_ray(ray.d).o
                 next_ray.d[passes_through] = ray.d
             throughput[active_next] = throughput * bsdf_weight
-            eta[active_next] = eta * bs.eta
+            if dr.hint(self.model.has_transmission, mode="scalar"):
+                eta[active_next] = eta * bs.eta
             origin = next_ray.o
             direction = next_ray.d
-            prev_p[active_next] = dr.select(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission), si.p, next_ray.o)
+            if dr.hint(self.model.has_transmission, mode="scalar"):
+                prev_p[active_next] = dr.select(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission), si.p, next_ray.o)
+            else:
+                prev_p[active_next] = next_ray.o
             prev_pdf[active_next] = bs.pdf
             prev_delta[active_next] = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
             depth[active_next] = depth + 1

@@ -15,7 +15,7 @@ from renderer.errors import SceneError
 from renderer.scene.files.mesh import MeshFacts, read_mesh
 from renderer.scene.files.picture import PictureFacts, read_grid, read_picture
 from renderer.scene.limits import MEBIBYTE, SceneLimits
-from renderer.scene.vet.nodes import properties
+from renderer.scene.vet.nodes import number, properties
 
 MESHES = ("ply", "obj", "serialized")
 PICTURES = ("bitmap", "envmap")
@@ -58,10 +58,10 @@ def look(state: Any, resolve: Callable[[str], Path], limits: SceneLimits, place:
         if not isinstance(name, str):
             continue
         path = paths[index] = resolve(name)
-        if not path.is_file():
+        if not _is_file(path):
             what = "is a folder" if path.is_dir() else "is missing"
             raise SceneError(f"{place(node)}: {name[:200]!r} {what}; put that file beside the scene")
-        key = (path, int(values.get("shape_index", 0) or 0))
+        key = (path, int(number(values, "shape_index", 0)))
         try:
             if plugin in MESHES:
                 mesh = seen[key] = seen.get(key) or read_mesh(path, plugin, key[1], exact=exact)
@@ -89,6 +89,13 @@ def look(state: Any, resolve: Callable[[str], Path], limits: SceneLimits, place:
                 f"{limits.memory_bytes // MEBIBYTE} MiB; use smaller pictures, fewer triangles or instances"
             )
     return Assets(paths, meshes, pictures, triangles, texture_pixels, memory)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # names that no file can have
+        return False
 
 
 def _check(what: str, found: int, limit: int, unit: str, where: str) -> None:

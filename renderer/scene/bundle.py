@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import re
 import stat
+import struct
 import unicodedata
 import zipfile
 import zlib
@@ -87,7 +88,7 @@ def _unpack_zip(source: BinaryIO, folder: Path, limits: Limits) -> dict[str, str
         with zipfile.ZipFile(source) as archive:
             entries = _vetted(archive, limits)
             return {path: _extract(archive, entry, folder / path) for path, entry in entries.items()}
-    except (zipfile.BadZipFile, zlib.error, EOFError, UnicodeDecodeError) as error:
+    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, struct.error, LookupError, OverflowError) as error:
         raise BundleError(f"the zip file is damaged ({error}); pack it again") from error
     except NotImplementedError as error:
         raise BundleError(f"the zip file uses a method that is not supported ({error}); use deflate") from error

@@ -22,7 +22,7 @@ from renderer.settings import UNLIMITED_DEPTH, Settings
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from renderer.equation.path import PathKernel
+    from renderer.equation.path import Model, PathKernel
 
 # Sensors whose rays depend on the film's aspect ratio alone.
 _SHAPE_ONLY_SENSORS = ("perspective", "thinlens", "orthographic")
@@ -88,21 +88,31 @@ class Scene:
             sensor, width, height = _make_sensor(self._parsed, self.mitsuba_scene, settings.width, settings.height)
         return replace(self, sensor=sensor, width=width, height=height, _kernels={})
 
-    def kernel(self, settings: Settings) -> PathKernel:
-        """The kernel for resolved settings."""
-        from renderer.equation.path import Model, PathKernel
+    def model(self, settings: Settings, *, full: bool = False) -> Model:
+        """What the kernel for resolved settings has to contain. full: also features that this scene does not need."""
+        from renderer.equation.path import Model
 
         needs = self.requirements
-        model = Model(
+        return Model(
             technique=settings.technique,
             max_depth=settings.max_depth if settings.max_depth is not None else UNLIMITED_DEPTH,
             rr_depth=needs.rr_depth,
             replicate_size=settings.replicate_size or 1,
-            has_sampleable_emitters=bool(needs.emitters),
+            # On mirrors and clear glass alone, no point on a light can be connected.
+            has_sampleable_emitters=bool(needs.emitters) and (full or needs.has_smooth),
             hide_emitters=needs.hide_emitters,
-            has_lens=self.sensor.needs_aperture_sample(),
+            has_lens=full or self.sensor.needs_aperture_sample(),
             splits_lobes="blendbsdf" in needs.bsdfs and needs.has_delta,
+            has_transmission=full or needs.has_transmission,
+            has_visible_emitters=full or needs.has_visible_emitters,
+            needs_time=full or needs.needs_time,
         )
+
+    def kernel(self, settings: Settings) -> PathKernel:
+        """The kernel for resolved settings."""
+        from renderer.equation.path import PathKernel
+
+        model = self.model(settings)
         if model not in self._kernels:
             with using(self.variant):
                 self._kernels[model] = PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)

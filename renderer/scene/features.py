@@ -21,14 +21,16 @@ _NULL = frozenset("null mask thindielectric polarizer retarder circular".split()
 _ONE_SIDED = frozenset("diffuse conductor roughconductor plastic roughplastic pplastic measured".split()) | _WRAPPERS
 _ENVIRONMENTS = frozenset("constant envmap sunsky timed_sunsky".split())
 _POINTS = frozenset("point spot projector directional directionalarea".split())
+_UNSEEN = frozenset("point spot projector directional".split())
 
 
 @dataclass(frozen=True, slots=True)
 class Features:
     """has_delta: some BSDF has mirror or clear-glass lobes. has_smooth: some has others. has_null: light may pass a
     surface unchanged. has_transmission: light may pass a surface. has_environment: light may come from a miss.
-    has_point_lights: lights that no ray can hit. reflects: some light may be reflected at all. needs_time: the picture
-    depends on the time within the shutter's opening (nothing moves in Mitsuba 3).
+    has_point_lights: lights that no ray can hit. has_visible_emitters: lights that a ray can. reflects: some light may
+    be reflected at all. needs_time: the picture depends on the time within the shutter's opening (nothing moves in
+    Mitsuba 3).
     """
 
     has_delta: bool
@@ -37,6 +39,7 @@ class Features:
     has_transmission: bool
     has_environment: bool
     has_point_lights: bool
+    has_visible_emitters: bool
     reflects: bool
     needs_time: bool = False
 
@@ -56,6 +59,7 @@ def of(state: Any) -> Features:
         has_transmission=bool(bsdfs - _ONE_SIDED) or "mask" in bsdfs,
         has_environment=bool(emitters & _ENVIRONMENTS),
         has_point_lights=bool(emitters & _POINTS),
+        has_visible_emitters=bool(emitters - _UNSEEN),
         reflects=any(node.type == mi.ObjectType.BSDF and _reflects(state, node) for node in nodes)
         or _has_bare_shape(state),
     )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
 from renderer.scene.assets import Assets
-from renderer.scene.vet.nodes import properties
+from renderer.scene.vet.nodes import number, properties, vector
 
 Box = tuple[NDArray[np.float64], NDArray[np.float64]]  # low and high corner
 _UNIT = (np.full(3, -1.0), np.ones(3))
@@ -66,12 +66,12 @@ def _local_box(state: Any, index: int, plugin: str, values: dict[str, Any], asse
     if plugin == "cube":
         return _UNIT
     if plugin == "sphere":
-        centre = np.array(values.get("center", (0.0, 0.0, 0.0)), dtype=np.float64)
-        radius = abs(float(values.get("radius", 1.0)))
+        centre = vector(values, "center", (0.0, 0.0, 0.0))
+        radius = abs(number(values, "radius", 1.0))
         return centre - radius, centre + radius
     if plugin == "cylinder":
-        ends = np.array([values.get("p0", (0.0, 0.0, 0.0)), values.get("p1", (0.0, 0.0, 1.0))], dtype=np.float64)
-        radius = abs(float(values.get("radius", 1.0)))
+        ends = np.array([vector(values, "p0", (0.0, 0.0, 0.0)), vector(values, "p1", (0.0, 0.0, 1.0))])
+        radius = abs(number(values, "radius", 1.0))
         return ends.min(axis=0) - radius, ends.max(axis=0) + radius
     if plugin == "sdfgrid":
         return np.zeros(3), np.ones(3)
@@ -94,7 +94,7 @@ def _group_box(state: Any, index: int, assets: Assets) -> Box | None:
 
 def matrix_of(transform: Any) -> NDArray[np.float64]:
     """(4, 4) matrix of a transform property; the identity for none."""
-    return np.eye(4) if transform is None else np.array(transform.matrix, dtype=np.float64)
+    return np.array(transform.matrix, dtype=np.float64) if hasattr(transform, "matrix") else np.eye(4)
 
 
 def transformed(box: Box, matrix: NDArray[np.float64]) -> Box:

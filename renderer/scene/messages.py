@@ -37,6 +37,11 @@ def plain(message: str, folders: tuple[str, ...]) -> str:
     return text
 
 
+def has_place(text: str) -> bool:
+    """Whether a message begins with a place."""
+    return re.match(r"([^:]+\.xml:\d+|scene(\.[^: ]+)*): ", text) is not None
+
+
 def located(text: str, folders: tuple[str, ...]) -> str:
     """Text with Mitsuba's places in short form, and paths relative to the scene's folder."""
     for folder in dict.fromkeys([*folders, *(str(Path(folder).resolve()) for folder in folders)]):

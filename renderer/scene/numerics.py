@@ -13,7 +13,7 @@ import numpy as np
 
 from renderer.backend import mitsuba
 from renderer.scene.geometry import Placed, bounds, children
-from renderer.scene.vet.nodes import properties
+from renderer.scene.vet.nodes import number, properties, vector
 
 if TYPE_CHECKING:
     from renderer.scene.source import Parsed
@@ -97,9 +97,9 @@ def _gap(parsed: Parsed, a: Placed, b: Placed, gap: float) -> str:
 
 def _sphere(state: Any, shape: Placed) -> tuple[np.ndarray, float]:
     values = dict(properties(state.nodes[shape.index]))
-    centre = shape.to_world @ [*np.array(values.get("center", (0.0, 0.0, 0.0)), dtype=np.float64), 1.0]
+    centre = shape.to_world @ [*vector(values, "center", (0.0, 0.0, 0.0)), 1.0]
     scale = float(np.linalg.norm(shape.to_world[:3, 0]))
-    return centre[:3], abs(float(values.get("radius", 1.0))) * scale
+    return centre[:3], abs(number(values, "radius", 1.0)) * scale
 
 
 def _corners(plate: Placed) -> np.ndarray:

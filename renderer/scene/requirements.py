@@ -18,7 +18,7 @@ from renderer.scene.depth import depth_advice
 from renderer.scene.geometry import Placed, bounds, placed_shapes
 from renderer.scene.numerics import numerical_warnings
 from renderer.scene.source import Parsed
-from renderer.scene.vet.nodes import properties
+from renderer.scene.vet.nodes import number, properties
 
 POLARISED = frozenset({"polarizer", "retarder", "circular", "measured_polarized", "stokes"})
 DEFAULT_RR_DEPTH = 5
@@ -61,6 +61,7 @@ class Requirements:
     has_transmission: bool
     has_environment: bool
     has_point_lights: bool
+    has_visible_emitters: bool
     reflects: bool
     needs_time: bool
     depth_advice: str
@@ -104,10 +105,10 @@ def measure(parsed: Parsed) -> Requirements:
         if node.type == mi.ObjectType.Integrator:
             asked = dict(properties(node))
             if "max_depth" in asked:
-                max_depth = int(asked["max_depth"])
+                max_depth = int(number(asked, "max_depth", UNLIMITED))
             elif plugin == "direct":
                 max_depth = 2
-            rr_depth = int(asked.get("rr_depth", rr_depth))
+            rr_depth = int(number(asked, "rr_depth", rr_depth))
             hide_emitters = bool(asked.get("hide_emitters", hide_emitters))
     if not kinds.get(mi.ObjectType.Sensor):
         raise SceneError(f'{parsed.name}: the scene has no sensor; add one, for example <sensor type="perspective"/>')

@@ -21,7 +21,7 @@ from renderer.scene.assets import Assets, look
 from renderer.scene.bundle import LOCAL_LIMITS, BundleError, unpack
 from renderer.scene.identity import digest_of
 from renderer.scene.limits import SceneLimits
-from renderer.scene.messages import place_of, plain
+from renderer.scene.messages import has_place, place_of, plain
 from renderer.scene.vet.dictionary import read_document
 from renderer.scene.vet.nodes import check_nodes
 from renderer.scene.vet.plugins import refuse_libraries
@@ -170,4 +170,5 @@ def guarded(call: Callable[[], Any], what: str, folders: tuple[str, ...]) -> Any
     try:
         return call()
     except (RuntimeError, ValueError, KeyError, TypeError, IndexError, OverflowError, MemoryError) as cause:
-        raise SceneError(f"{what}: {plain(str(cause), folders)}") from cause
+        told = plain(str(cause), folders)
+        raise SceneError(told if has_place(told) else f"{what}: {told}") from cause

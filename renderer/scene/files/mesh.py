@@ -65,6 +65,8 @@ def read_mesh(path: Path, kind: str, shape_index: int = 0, *, exact: bool = True
 def _facts(triangles: int, positions: NDArray[Any]) -> MeshFacts:
     if len(positions) == 0:
         return MeshFacts(triangles, 0)
+    if positions.ndim != 2 or positions.shape[1] != 3:
+        raise ValueError("a vertex is not three numbers")
     low, high = positions.min(axis=0), positions.max(axis=0)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise ValueError("some vertices are not finite")
@@ -81,7 +83,8 @@ def _read_ply(path: Path) -> MeshFacts:
     end = re.search(rb"end_header\r?\n", start)
     if not start.startswith(b"ply") or end is None:
         raise ValueError("no PLY header")
-    encoding, elements = _ply_header(start[: end.start()].decode("ascii"))
+    text = start[: end.start()].decode("ascii")
+    encoding, elements = _ply_header(text)
     counts = {name: count for name, count, _ in elements}
     if next((name for name, _, _ in elements), "") != "vertex":
         raise ValueError("vertices must come first")
@@ -100,7 +103,25 @@ def _read_ply(path: Path) -> MeshFacts:
             raise ValueError(f"the header promises {n} vertices, more than the file holds")
         rows = np.frombuffer(body, row, n)
         positions = np.stack([rows[f"{i}"] for i in where], axis=1).astype(np.float64)
+        _check_faces(body[n * row.itemsize :], text, counts.get("face", 0), n, order)
     return _facts(counts.get("face", 0), positions)
+
+
+def _check_faces(body: memoryview, header: str, n_faces: int, n_vertices: int, order: str) -> None:
+    """Refuses triangles of vertices that are not there: Mitsuba reads beyond its memory for them.
+
+    Looked at in the usual layout, faces of three indices and nothing else behind the vertices.
+    """
+    lists = re.findall(r"property list (\w+) (\w+) \w+\s*$", header, re.MULTILINE)
+    if len(lists) != 1 or header.count("element") != 2 or n_faces == 0:
+        return
+    count, index = (_PLY_TYPES[kind] for kind in lists[0])
+    face = np.dtype([("n", order + count), ("v", order + index, 3)])
+    if n_faces * face.itemsize > len(body):
+        raise ValueError(f"the header promises {n_faces} faces, more than the file holds")
+    faces = np.frombuffer(body, face, n_faces)
+    if (faces["n"] == 3).all() and (faces["v"].max() >= n_vertices or faces["v"].min() < 0):
+        raise ValueError(f"a face names vertex {faces['v'].max()} of {n_vertices}")
 
 
 def _ply_header(text: str) -> tuple[str, list[tuple[str, int, list[tuple[str, str]]]]]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from renderer.backend import mitsuba
-from renderer.scene.vet.nodes import properties
+from renderer.scene.vet.nodes import number, properties
 
 _WITH_SCALE = frozenset({"d65", "blackbody"})
 
@@ -32,8 +32,7 @@ def scale_emission(state: Any, node: Any, key: str, factor: float) -> None:
         texture = state.nodes[value.index()]
         if texture.props.plugin_name() not in _WITH_SCALE or _uses(state, value.index()) > 1:
             raise Unscalable(f"the {key} of {node.props.plugin_name()} is a texture that is not scaled")
-        before = dict(properties(texture)).get("scale", 1.0)
-        texture.props["scale"] = float(before) * factor
+        texture.props["scale"] = number(dict(properties(texture)), "scale", 1.0) * factor
     else:
         raise Unscalable(f"the {key} of {node.props.plugin_name()} is of an unknown kind")
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from renderer.backend import mitsuba
 from renderer.errors import SettingsError
-from renderer.scene.vet.nodes import properties
+from renderer.scene.vet.nodes import number, properties
 from renderer.settings import MAX_SIDE
 
 PIXEL_BYTES = 250  # of moments, a snapshot's copy of them, and the arrays of a pass
@@ -52,12 +52,12 @@ def film_size(state: Any) -> tuple[int, int]:
     """Width and height of the first sensor's image."""
     made = sensor_dict(state, None, None)
     film = next(part for part in made.values() if isinstance(part, dict) and "width" in part)
-    width, height = (int(film.get(f"crop_{side}", film[side])) for side in ("width", "height"))
+    width, height = (int(number(film, f"crop_{side}", film[side])) for side in ("width", "height"))
     return width, height
 
 
 def _resize(film: dict[str, Any], width: int | None, height: int | None) -> None:
-    own_width, own_height = (int(film.get(side, _DEFAULT_FILM[side])) for side in ("width", "height"))
+    own_width, own_height = (int(number(film, side, _DEFAULT_FILM[side])) for side in ("width", "height"))
     if width is None and height is None:
         check_size(own_width, own_height)
         film["width"], film["height"] = own_width, own_height

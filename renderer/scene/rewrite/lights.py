@@ -14,7 +14,7 @@ from renderer.errors import SceneError
 from renderer.scene.geometry import Placed, children, placed_shapes
 from renderer.scene.rewrite.emission import is_zero
 from renderer.scene.source import Parsed
-from renderer.scene.vet.nodes import properties
+from renderer.scene.vet.nodes import number, properties, vector
 
 _EMISSION = ("radiance", "intensity", "irradiance")
 
@@ -59,10 +59,10 @@ def has_no_area(state: Any, shape: Placed) -> bool:
     if shape.plugin == "cube":
         return int(np.linalg.matrix_rank(linear)) < 2
     if shape.plugin == "sphere":
-        return float(values.get("radius", 1.0)) == 0 or not np.any(linear)
+        return number(values, "radius", 1.0) == 0 or not np.any(linear)
     if shape.plugin == "cylinder":
-        axis = np.array(values.get("p1", (0, 0, 1)), np.float64) - np.array(values.get("p0", (0, 0, 0)), np.float64)
-        return float(values.get("radius", 1.0)) == 0 or not np.any(axis) or not np.any(linear)
+        axis = vector(values, "p1", (0, 0, 1)) - vector(values, "p0", (0, 0, 0))
+        return number(values, "radius", 1.0) == 0 or not np.any(axis) or not np.any(linear)
     return False
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from renderer.backend import mitsuba
 from renderer.scene.geometry import Box, children, matrix_of
 from renderer.scene.rewrite.emission import Unscalable, scale_emission
-from renderer.scene.vet.nodes import properties
+from renderer.scene.vet.nodes import number, properties, vector
 
 Vector = tuple[float, float, float]
 SMALL_RADIUS, LARGE_RADIUS = 2.0**12, 2.0**30  # of a scene that is left at its scale
@@ -145,12 +145,13 @@ def _move(node: Any, similarity: Similarity) -> None:
 
 
 def _scale(node: Any, key: str, default: float, factor: float) -> None:
-    value = _value(node, key)
-    node.props[key] = float(default if value is None else value) * factor
+    node.props[key] = number(dict(properties(node)), key, default) * factor
 
 
 def _move_point(node: Any, key: str, similarity: Similarity) -> None:
-    node.props[key] = mitsuba().ScalarPoint3d(*map(float, similarity.moved(np.array(_value(node, key), np.float64))))
+    node.props[key] = mitsuba().ScalarPoint3d(
+        *map(float, similarity.moved(vector(dict(properties(node)), key, (0.0, 0.0, 0.0))))
+    )
 
 
 def _value(node: Any, key: str) -> Any:
@@ -168,8 +169,7 @@ def _perspective(state: Any, node: Any, similarity: Similarity) -> None:
 
 
 def _thin_lens(state: Any, node: Any, similarity: Similarity) -> None:
-    far = _value(node, "far_clip")
-    _scale(node, "focus_distance", _CLIPS[1][1] if far is None else float(far), similarity.scale)
+    _scale(node, "focus_distance", number(dict(properties(node)), *_CLIPS[1]), similarity.scale)
     if _value(node, "aperture_radius") is not None:
         _scale(node, "aperture_radius", 0.0, similarity.scale)
     _perspective(state, node, similarity)
@@ -177,7 +177,7 @@ def _thin_lens(state: Any, node: Any, similarity: Similarity) -> None:
 
 def _orthographic(state: Any, node: Any, similarity: Similarity) -> None:
     _transform(node, similarity)  # here the scale is the width of the picture, and it scales the near plane too
-    near, far = (float(_value(node, key) or default) for key, default in _CLIPS)
+    near, far = (number(dict(properties(node)), key, default) for key, default in _CLIPS)
     node.props["far_clip"] = near + similarity.scale * (far - near)
 
 

@@ -75,6 +75,8 @@ class _Reader:
             raise SceneError(f'{where}: "type" is {plugin!r}; name the plugin, for example "sphere"')
         if plugin not in _UNTYPED and not (plugin in INTEGRATORS or plugin in SAMPLERS):
             check_plugin(plugin, where)
+        if plugin == "scene" and depth > 1:
+            raise SceneError(f"{where}: a scene cannot hold another scene; put its shapes into the outer one")
         made: dict[str, Any] = {}
         for key, value in found.items():
             if not key or len(key) > _MAX_KEY or "." in key or not key.isprintable():

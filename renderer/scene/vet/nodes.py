@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
 from renderer.errors import SceneError
@@ -46,6 +47,22 @@ def properties(node: Any) -> Iterator[tuple[str, Any]]:
         value = props[key]
         props.mark_queried(key, was_queried)
         yield key, value
+
+
+def number(values: Mapping[str, Any], key: str, default: float) -> float:
+    """A property as a number. One of another kind counts as missing: Mitsuba refuses it, and names its place."""
+    value = values.get(key, default)
+    return float(value) if isinstance(value, (int, float)) else default
+
+
+def vector(values: Mapping[str, Any], key: str, default: tuple[float, float, float]) -> NDArray[np.float64]:
+    """A property as three numbers, (3,); one of another kind counts as missing."""
+    value = values.get(key, default)
+    if "Array" in type(value).__name__ or isinstance(value, tuple):
+        found = np.array(value, dtype=np.float64).ravel()
+        if found.size == 3:
+            return found
+    return np.array(default, dtype=np.float64)
 
 
 def _check_text(key: str, value: str, folder: Path | None, limits: SceneLimits, place: Any, node: Any) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from renderer.errors import SceneError
 
+_LONGEST_NAME = 255  # bytes, on the usual file systems
+
 
 def check_reference(named: str, folder: Path, base: Path, where: str) -> None:
     """Refuses a name that leads out of `folder`. base: the folder that relative names start from."""
@@ -20,6 +22,8 @@ def is_outside(named: str, folder: Path, base: Path) -> bool:
     if re.match(r"^([A-Za-z]:|\\\\|~)", named) or any(unicodedata.category(c)[0] == "C" for c in named):
         return True
     plain = named.replace("\\", "/")
+    if any(len(part.encode(errors="replace")) > _LONGEST_NAME for part in plain.split("/")) or len(plain) > 1000:
+        return True
     root = folder.resolve()
     try:
         return not all((start / plain).resolve().is_relative_to(root) for start in (base, folder))
