@@ -72,7 +72,8 @@ def look(state: Any, resolve: Callable[[str], Path], limits: SceneLimits, place:
                 picture = pictures[index] = seen.get(key) or read_picture(path)
                 if key not in seen:
                     pixels = picture.width * picture.height
-                    _check("picture", pixels, limits.texture_pixels, "pixels", f"{place(node)}: {name!r}")
+                    if pixels > limits.texture_pixels:
+                        raise SceneError(_too_large("picture", pixels, limits.texture_pixels, "pixels"))
                     texture_pixels += pixels
                     memory += pixels * picture.channels * max(2, picture.value_bytes)
                 seen[key] = picture
@@ -81,8 +82,9 @@ def look(state: Any, resolve: Callable[[str], Path], limits: SceneLimits, place:
             else:
                 memory += 4 * path.stat().st_size
         except SceneError as error:
-            raise error if str(error).startswith(place(node)) else SceneError(f"{place(node)}: {error}") from None
-        _check("scene", triangles, limits.triangles, "triangles", place(node))
+            raise SceneError(f"{place(node)}: {error}") from None
+        if triangles > limits.triangles:
+            raise SceneError(f"{place(node)}: {_too_large('scene', triangles, limits.triangles, 'triangles')}")
         if memory > limits.memory_bytes:
             raise SceneError(
                 f"{place(node)}: the scene would take more than {memory // MEBIBYTE} MiB of memory, and the limit is "
@@ -98,6 +100,5 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _check(what: str, found: int, limit: int, unit: str, where: str) -> None:
-    if found > limit:
-        raise SceneError(f"{where}: the {what} has {found} {unit}, and the limit is {limit}; use a smaller one")
+def _too_large(what: str, found: int, limit: int, unit: str) -> str:
+    return f"the {what} has {found} {unit}, and the limit is {limit}; use a smaller one"

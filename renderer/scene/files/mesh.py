@@ -31,7 +31,7 @@ _PLY_TYPES = {
 }
 _MAX_HEADER = 1 << 16
 _SAMPLED_FROM = 1 << 17  # bytes of text
-_SAMPLED_LINES = 2048
+_SAMPLED_LINES = 512
 _SERIALIZED_MAGIC = 0x041C
 _DOUBLES = 0x2000
 _INFLATE_RATIO = 1032  # the most that zlib can pack

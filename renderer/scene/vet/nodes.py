@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from renderer.backend import mitsuba
 from renderer.errors import SceneError
 from renderer.scene.limits import SceneLimits
-from renderer.scene.vet.plugins import check_plugin
+from renderer.scene.vet.plugins import check_plugin, is_allowed
 from renderer.scene.vet.references import is_outside, leads_out
 
 _MAY_BE_INFINITE = frozenset({"far_clip"})
@@ -27,8 +27,8 @@ def check_nodes(state: Any, folder: Path | None, limits: SceneLimits, place: Any
     mi = mitsuba()
     never_loaded = (mi.ObjectType.Integrator, mi.ObjectType.Sampler)
     for node in state.nodes:
-        if node.type not in never_loaded:
-            check_plugin(node.props.plugin_name(), place(node))
+        if node.type not in never_loaded and not is_allowed(node.props.plugin_name()):
+            check_plugin(node.props.plugin_name(), place(node))  # a place is slow to find: only for an error
         for key, value in properties(node):
             if isinstance(value, str):
                 _check_text(key, value, folder, limits, place, node)

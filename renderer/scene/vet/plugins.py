@@ -47,9 +47,14 @@ _WHY = {
 LIBRARY_SUFFIXES = (".so", ".dll", ".dylib", ".pyd")
 
 
+def is_allowed(plugin: str) -> bool:
+    """Whether a scene may use this plugin type."""
+    return plugin in ALLOWED or plugin in INTEGRATORS
+
+
 def check_plugin(plugin: str, where: str) -> None:
     """Refuses a plugin type that is not on the list. where: place to name in the message."""
-    if plugin in ALLOWED or plugin in INTEGRATORS:
+    if is_allowed(plugin):
         return
     why = _WHY.get(plugin, "is no plugin of Mitsuba 3.9 that scenes may use")
     near = _nearest(plugin)
