@@ -24,10 +24,43 @@ export interface Deleted {
   id: string;
 }
 
+/** Directions that one technique drew at a vertex, on its map: u = φ / 2π, v = θ / polar_range. */
+export interface Directions {
+  u: number[];
+  v: number[];
+  /** emitter sampling: whether the light is visible */
+  found: boolean[] | null;
+  /** below the surface, where no light counts */
+  lost: number;
+}
+
 /** One field that was refused. */
 export interface FieldError {
   field: string;
   message: string;
+}
+
+/** What a pixel's centre sees, in the scene's units, and where each technique sends its samples from there. */
+export interface FirstVertex {
+  /** of the scene's picture */
+  width: number;
+  height: number;
+  is_hit: boolean;
+  position: number[];
+  normal: number[];
+  distance: number;
+  /** luminance that the surface itself sends to the camera */
+  emitted: number;
+  /** how the surface scatters */
+  lobes: string[];
+  /** false: mirror or clear glass, one direction alone counts */
+  is_smooth: boolean;
+  passes_light: boolean;
+  map_width: number;
+  map_height: number;
+  /** radians of θ from the normal: π/2, or π where light passes */
+  polar_range: number;
+  directions: Record<string, Directions>;
 }
 
 /** Render time still needed to reach the error target, with its interval. */
@@ -243,6 +276,13 @@ export interface Requirements {
   /** numerical risks, each as 'name: sentence' */
   warnings: string[];
   unsupported: string[];
+}
+
+/** Moments of the first n samples of a part. m2: sum of squared deviations. */
+export interface RunningMoments {
+  n: number;
+  mean: number;
+  m2: number;
 }
 
 /** An uploaded scene. requirements: null for a scene taken in by an older version. */
