@@ -5,18 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pytest
-from conftest import Service
+from conftest import Service, open_job
 from playwright.sync_api import Page, Route, expect
 from screen import picture_colours
 
 SECONDS = 5
-
-
-def open_job(page: Page, service: Service, job_id: str) -> None:
-    """Shows a job once its picture is there."""
-    page.goto(f"{service.url}/#/jobs/{job_id}")
-    page.wait_for_function("Number(document.querySelector('#viewer')?.dataset.frame) > 0")
 
 
 def test_a_render_from_the_dialog_to_the_file(page: Page, service: Service, tmp_path: Path) -> None:
@@ -128,14 +121,3 @@ def test_without_webgl_the_png_stands_in(page: Page, service: Service, finished_
     expect(page.get_by_text("This browser cannot draw beside the page")).to_be_visible()
     still = page.get_by_role("img", name="Picture of Cornell box")
     page.wait_for_function("(image) => image.naturalWidth > 0", arg=still.element_handle())
-
-
-@pytest.mark.parametrize("key", ["?", "Shift+N"])
-def test_dialogs_open_by_key_and_return_the_focus(page: Page, service: Service, finished_job: str, key: str) -> None:
-    open_job(page, service, finished_job)
-    page.locator("#viewer").focus()
-    page.keyboard.press(key)
-    expect(page.locator("dialog[open]")).to_be_visible()
-    page.keyboard.press("Escape")
-    expect(page.locator("dialog")).to_have_count(0)
-    assert page.evaluate("document.activeElement.id") == "viewer"

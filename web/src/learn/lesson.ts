@@ -1,6 +1,6 @@
 /** From running moments to what the Learn view draws and says. Pure. */
 import type { Technique } from '../api/types';
-import { percent, radiance } from '../numbers/format';
+import { percent } from '../numbers/format';
 import type { Lines } from './lines';
 import { half95, standardError, type Step, variance } from './moments';
 
@@ -15,13 +15,14 @@ interface Curve {
 const curvesOf = (all: AllSteps): Curve[] =>
   (Object.entries(all) as [Technique, Step[]][]).filter(([, steps]) => steps.length > 2).map(([technique, steps]) => ({ technique, steps, last: steps[steps.length - 1] }));
 
-/** The best known answer: the mean with the smallest standard error of those that found any light. */
+/**
+ * What the others are measured against: `mis`, which misses no light that either of its techniques can find. A small
+ * standard error alone is no sign: a technique that has not met a rare light yet has one too.
+ */
 export function bestOf(all: AllSteps): { technique: Technique; step: Step } | null {
-  let best: { technique: Technique; step: Step } | null = null;
-  for (const { technique, last } of curvesOf(all)) {
-    if (last.m2 > 0 && (best === null || standardError(last) < standardError(best.step))) best = { technique, step: last };
-  }
-  return best;
+  const able = curvesOf(all).filter(({ last }) => last.m2 > 0);
+  const best = able.find(({ technique }) => technique === 'mis') ?? able[0];
+  return best ? { technique: best.technique, step: best.last } : null;
 }
 
 const columns = (curves: Curve[]): number[] => [...new Set(curves.flatMap(({ steps }) => steps.map((step) => step.n)))].sort((a, b) => a - b);
@@ -51,7 +52,7 @@ export function estimateLines(all: AllSteps, banded: Technique): Lines | null {
     guide: null,
     yRange: [best.step.mean - room, best.step.mean + room],
     isLog: false,
-    shows: (value) => radiance(+value.toPrecision(6)),
+    shows: (value) => String(+value.toPrecision(3)).replace('-', '−'),
   };
 }
 
@@ -88,7 +89,7 @@ export interface Row {
   variance: number;
   /** Samples for a standard error of 1 % of the best mean. */
   forOnePercent: number | null;
-  /** Times the variance of the best. */
+  /** Times the variance of what the others are measured against. */
   timesBest: number | null;
 }
 

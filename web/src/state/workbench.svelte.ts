@@ -46,6 +46,10 @@ class Workbench {
 
   /** Number of the newest frame that has been drawn. */
   paintedSeq = $state(0);
+  /** From its bytes to the screen. */
+  paintedMilliseconds = $state(0);
+
+  private paintedId: number | null = null;
 
   readonly selectedId = $derived(this.a.id);
   readonly againstId = $derived(this.b.id);
@@ -107,6 +111,14 @@ class Workbench {
           this.blindReason = `The picture is wider or higher than the ${pictureCanvas.largestSide} pixels that this graphics device takes`;
       });
     });
+  }
+
+  /** Picture A has been drawn with this frame. */
+  notePainted(frame: HeldFrame | null): void {
+    if (frame && frame.id !== this.paintedId) this.paintedMilliseconds = performance.now() - this.a.bytesArrived;
+    if (!frame) this.paintedMilliseconds = 0;
+    this.paintedId = frame?.id ?? null;
+    this.paintedSeq = frame?.header.seq ?? 0;
   }
 
   /** Puts a job on the bench, and another beside it. */
