@@ -7,7 +7,7 @@ HOST ?= 127.0.0.1
 # A fixed file instead of the newest releases: the two commands stay repeatable.
 LOCK := requirements.lock
 
-.PHONY: run test check bench test-long test-oracle page thumbnails lock clean help
+.PHONY: run test check bench test-long test-oracle extremes page thumbnails lock clean help
 
 help: ## Say what each target does
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -44,6 +44,9 @@ check: page ## Formatting, lint, types, page checks
 
 bench: $(VENV)/.ready ## Speed and error at equal time against Mitsuba's path, as ratios within one run
 	$(BIN)/python -m tests.benchmarks
+
+extremes: $(VENV)/.ready ## Light kept at every scale and distance, with Mitsuba's beside it
+	$(BIN)/python -m tests.extremes
 
 thumbnails: $(VENV)/.ready ## Render the gallery's thumbnails again
 	$(BIN)/python -m renderer.scene.gallery.make_thumbnails

@@ -11,6 +11,7 @@ Importing this package imports neither Mitsuba nor any HTTP code.
 from renderer import backend, errors
 from renderer.estimate.estimate import Estimate, PixelReading, merge
 from renderer.estimate.forecast import CurvePoint, Forecast
+from renderer.integral import Integral, integrate
 from renderer.progress import Snapshot, progressive, render
 from renderer.scene import gallery
 from renderer.scene.compile import Scene, load_scene
@@ -22,6 +23,7 @@ __all__ = [
     "CurvePoint",
     "Estimate",
     "Forecast",
+    "Integral",
     "PixelReading",
     "Scene",
     "Settings",
@@ -29,6 +31,7 @@ __all__ = [
     "Target",
     "errors",
     "gallery",
+    "integrate",
     "load_scene",
     "merge",
     "progressive",

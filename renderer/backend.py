@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import ctypes.util
 import glob
+import importlib
 import importlib.metadata
 import os
 import re
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from renderer.errors import BackendError
 
@@ -72,7 +77,7 @@ def _refuse_old_llvm() -> None:
 
 
 @cache
-def mitsuba() -> ModuleType:
+def _mitsuba() -> ModuleType:
     """The `mitsuba` module with a working variant set: `FREDHOLM_VARIANT` if given, else CUDA, else LLVM.
 
     Raises BackendError with one sentence that says what is missing.
@@ -107,6 +112,66 @@ def mitsuba() -> ModuleType:
         f"no libLLVM of version {OLDEST_LLVM} or newer was found: install one (Debian: apt install libllvm19; "
         "macOS: brew install llvm) or point DRJIT_LIBLLVM_PATH at it"
     )
+
+
+# The variant in use where it is not the process's own, as Mitsuba's extension module of that variant.
+_active: ContextVar[tuple[str, ModuleType] | None] = ContextVar("active_variant", default=None)
+
+
+class _ActiveMitsuba:
+    """The `mitsuba` module as the variant in use has it; see `using`."""
+
+    def __getattr__(self, name: str) -> Any:
+        if (active := _active.get()) is not None:
+            if name == "variant":
+                return lambda: active[0]
+            if (found := getattr(active[1], name, None)) is not None:
+                return found
+        return getattr(_mitsuba(), name)
+
+
+_ACTIVE_MITSUBA: Any = _ActiveMitsuba()
+
+
+def mitsuba() -> Any:
+    """Mitsuba's module with a working variant: the one that `using` named, else the process's own.
+
+    Raises BackendError with one sentence that says what is missing.
+    """
+    _mitsuba()
+    return _ACTIVE_MITSUBA
+
+
+@contextmanager
+def using(variant: str) -> Iterator[None]:
+    """Inside, `mitsuba()` is this variant. Scenes of several variants then live side by side in a process.
+
+    Mitsuba's own `set_variant` reloads its Python parts (0.15 s) and concerns the whole process.
+    """
+    mi = _mitsuba()
+    own = variant == mi.variant()
+    token = _active.set(None if own else (variant, importlib.import_module(f"mitsuba.{variant}")))
+    try:
+        yield
+    finally:
+        _active.reset(token)
+
+
+def variant_for(colour: str, is_coloured: bool) -> str:
+    """The variant that computes with `colour`: mono, rgb or spectral; auto is the leanest that the scene allows.
+
+    `FREDHOLM_VARIANT`, or a variant that was set before, decides for auto. Raises BackendError for an unknown one.
+    """
+    mi = _mitsuba()
+    own = str(mi.variant())
+    if colour == "auto":
+        if os.environ.get("FREDHOLM_VARIANT") or not own.endswith("_rgb") or is_coloured:
+            return own
+        colour = "mono"
+    wanted = f"{own.rsplit('_', 1)[0]}_{colour}"
+    if wanted not in mi.variants():
+        raise BackendError(f"colour is {colour!r}, and this Mitsuba has no variant {wanted}; it has {mi.variants()}")
+    return wanted
 
 
 def versions() -> dict[str, str]:

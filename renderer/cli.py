@@ -19,12 +19,14 @@ from rich.progress import BarColumn, Progress, TextColumn
 from renderer.errors import FredholmError, SettingsError
 from renderer.estimate.estimate import Estimate, merge
 from renderer.progress import Snapshot, progressive
+from renderer.region import Region
 from renderer.scene import gallery as scene_gallery
 from renderer.scene.report import inspect
-from renderer.settings import Settings, Target
+from renderer.settings import DEFAULT_CONFIDENCE, Settings, Target
 
 DEFAULT_ERROR = 0.05
-CHECKPOINT_SECONDS = 30.0
+CHECKPOINT_SECONDS = 5.0  # of work that a killed render loses at most
+CHECKPOINT_SHARE = 0.05  # of the time that writing may take: large images are saved less often
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
@@ -37,13 +39,13 @@ app = typer.Typer(
 err = Console(stderr=True)
 
 
-def parse_error(text: str) -> float:
+def parse_error(text: str, option: str = "--error") -> float:
     """'2%' or '0.02' as a fraction."""
     found = re.fullmatch(r"\s*([0-9.eE+-]+)\s*(%?)\s*", text)
     try:
         return float(found.group(1)) / (100 if found.group(2) else 1)  # type: ignore[union-attr]
     except (AttributeError, ValueError):
-        raise SettingsError(f"--error is {text!r}; write it as 2% or 0.02") from None
+        raise SettingsError(f"{option} is {text!r}; write it as 2% or 0.02") from None
 
 
 def parse_time(text: str) -> float:
@@ -65,6 +67,12 @@ def parse_size(text: str) -> tuple[int, int]:
     if not found:
         raise SettingsError(f"--size is {text!r}; write it as WIDTHxHEIGHT, for example 640x480")
     return int(found.group(1)), int(found.group(2))
+
+
+def parse_region(text: str) -> Region:
+    """'10,20,300,200' as x, y, width and height, or the path of an image as a mask."""
+    numbers = re.fullmatch(r"\s*(\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*", text)
+    return Region.of([int(n) for n in numbers.groups()]) if numbers else Region.read(text)
 
 
 def say_seconds(seconds: float) -> str:
@@ -89,6 +97,18 @@ def render(
     max_depth: Annotated[int | None, typer.Option(help="Path depth as in Mitsuba; -1 is unlimited.")] = None,
     technique: Annotated[str, typer.Option(help="mis, bsdf, emitter, cosine or uniform.")] = "mis",
     replicate_size: Annotated[int | None, typer.Option(help="Samples in one replicate, a power of two.")] = None,
+    confidence: Annotated[
+        str | None, typer.Option(help="How sure to be that the error is below the one asked for: 95% by default.")
+    ] = None,
+    share: Annotated[
+        str | None, typer.Option(help="Stop when this share of the pixels, for example 90%, is within the error.")
+    ] = None,
+    region: Annotated[
+        str | None, typer.Option(help="x,y,width,height, or an image as a mask: only there does the error count.")
+    ] = None,
+    adaptive: Annotated[
+        bool, typer.Option("--adaptive/--uniform", help="More samples where they lower the error most, or all alike.")
+    ] = True,
     resume: Annotated[Path | None, typer.Option(help="Go on from this EXR (same scene, settings and seed).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one last line of JSON.")] = False,
 ) -> None:
@@ -104,15 +124,16 @@ def render(
     Ctrl-C saves what there is. Exit codes: 0 done, 2 bad input, 130 interrupted (the image is saved).
     """
     width, height = parse_size(size) if size else (None, None)
-    settings = Settings(width, height, seed, max_depth, technique, replicate_size)
-    if spp is None and error is None and time_limit is None:
-        target = Target(error=DEFAULT_ERROR)
-    else:
-        target = Target(
-            error=parse_error(error) if error else None,
-            seconds=parse_time(time_limit) if time_limit else None,
-            spp=spp,
-        )
+    settings = Settings(width, height, seed, max_depth, technique, replicate_size, adaptive=adaptive)
+    is_open = spp is None and error is None and time_limit is None
+    target = Target(
+        error=DEFAULT_ERROR if is_open else parse_error(error) if error else None,
+        seconds=parse_time(time_limit) if time_limit else None,
+        spp=spp,
+        confidence=parse_error(confidence, "--confidence") if confidence else None,
+        share=parse_error(share, "--share") if share else None,
+        region=parse_region(region) if region else None,
+    )
     if output.suffix.lower() != ".exr":
         raise SettingsError(f"--output is {output}; the name must end in .exr")
     start = Estimate.read(resume) if resume else None
@@ -129,14 +150,16 @@ def render(
     signal.signal(signal.SIGINT, on_signal)
     signal.signal(signal.SIGTERM, on_signal)
     last: Snapshot | None = None
-    saved = time.monotonic()
+    saved, cost = time.monotonic(), 0.0
     with _progress_bar() as bar:
         task = bar.add_task("loading", total=1.0, detail="")
         for last in progressive(scene, target, settings, start=start, should_stop=lambda: interrupted):
             bar.update(task, description=_title(scene), completed=_share_done(last, target), detail=_detail(last))
-            if time.monotonic() - saved > CHECKPOINT_SECONDS and last.stopped_by is None:
+            now = time.monotonic()
+            if now - saved > max(CHECKPOINT_SECONDS, cost / CHECKPOINT_SHARE) and last.stopped_by is None:
                 _save(last, output)
                 saved = time.monotonic()
+                cost = saved - now
         assert last is not None
         bar.update(task, completed=1.0 if last.stopped_by != "interrupted" else _share_done(last, target))
     _save(last, output)
@@ -164,7 +187,7 @@ def _share_done(snapshot: Snapshot, target: Target) -> float:
     if target.seconds:
         shares.append(snapshot.seconds / target.seconds)
     if target.error and snapshot.error:
-        shares.append((target.error / snapshot.error) ** 2)
+        shares.append((target.error / (snapshot.upper or snapshot.error)) ** 2)
     return min(1.0, max(shares))
 
 
@@ -182,6 +205,9 @@ def _save(snapshot: Snapshot, output: Path) -> None:
 
 def _summarise(snapshot: Snapshot, target: Target, output: Path) -> None:
     error = "not known yet" if snapshot.error is None else f"{100 * snapshot.error:.2f} %"
+    if snapshot.upper is not None:
+        sure = 100 * (target.confidence or DEFAULT_CONFIDENCE)
+        error += f" (below {100 * snapshot.upper:.2f} % with {sure:g} % confidence)"
     reasons = {
         "error": "target error reached",
         "seconds": "time used up",
@@ -197,8 +223,8 @@ def _summarise(snapshot: Snapshot, target: Target, output: Path) -> None:
         markup=False,
         soft_wrap=True,
     )
-    if snapshot.invalid:
-        err.print(f"degraded: {snapshot.invalid} samples were not finite", style="yellow")
+    for sentence in snapshot.health.sentences():
+        err.print(sentence, style="yellow", highlight=False, markup=False, soft_wrap=True)
 
 
 def _report(snapshot: Snapshot) -> dict[str, Any]:
@@ -216,6 +242,9 @@ def _report(snapshot: Snapshot) -> dict[str, Any]:
         "height": snapshot.estimate.height,
         "share_trusted": snapshot.share_trusted,
         "invalid": snapshot.invalid,
+        "error_upper": snapshot.upper,
+        "share_within": snapshot.share_within,
+        "health": snapshot.health.as_dict(),
     }
 
 

@@ -4,6 +4,10 @@ A *round* gives every pixel of lowest count one more replicate. The first round 
 that there is a picture at once, and then fills the gaps, finer and finer; later rounds go in bands of rows. The order
 follows from these counts alone, so a resumed render goes on exactly where it would have. How many lanes go into a pass
 follows from the speed seen so far; a pixel's replicates are added in order all the same, so no bit depends on it.
+
+Adaptive rounds come once every pixel has a few replicates: `allocation.next_counts` says from the estimate at the end
+of a round how many replicates each pixel has at the end of the next. These counts are kept with the estimate until they
+are reached, so a render that was stopped in the middle of a round goes on with the same ones.
 """
 
 from __future__ import annotations
@@ -20,20 +24,35 @@ MIN_PASS_SAMPLES, MAX_PASS_SAMPLES = 2**17, 2**22
 PASS_SECONDS = 0.2  # aimed at: how long a stop, a pause or another job waits
 MIN_REPLICATES_TO_STOP = 4  # before an error target can be believed
 CHECKPOINT_GROWTH = 1.15
+ADAPTIVE_FROM = 4  # replicates of every pixel
 
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """Lanes of one kernel launch: replicates first … first + n − 1 of each pixel."""
+    """Lanes of one kernel launch: replicates first … first + n − 1 of each pixel; both may differ by pixel."""
 
     pixels: NDArray[np.uint32]
-    first: int
-    n_replicates: int
+    first: int | NDArray[np.int64]
+    n_replicates: int | NDArray[np.int64]
 
     @property
     def n_lanes(self) -> int:
         """Lanes of the launch."""
-        return len(self.pixels) * self.n_replicates
+        n = self.n_replicates
+        return len(self.pixels) * n if isinstance(n, int) else int(n.sum())
+
+    def layers(self) -> Iterator[tuple[NDArray[np.uint32], NDArray[np.uint32]]]:
+        """Lanes as (pixels, replicates), a pixel at most once in a layer, in pixel order: neighbours run together."""
+        first = np.broadcast_to(self.first, len(self.pixels))
+        if isinstance(self.n_replicates, int):
+            for r in range(self.n_replicates):
+                yield self.pixels, (first + r).astype(np.uint32)
+            return
+        pixels, n = self.pixels, self.n_replicates
+        for r in range(int(n.max(initial=0))):
+            more = n > r
+            pixels, first, n = (pixels, first, n) if more.all() else (pixels[more], first[more], n[more])
+            yield pixels, (first + r).astype(np.uint32)
 
 
 def next_round(
@@ -69,6 +88,45 @@ def next_round(
         step = _even(len(behind) - start, pass_samples() // (replicate_size * n_replicates))
         yield Pass(behind[start : start + step], low, n_replicates)
         start += step
+
+
+def planned_round(
+    tried: NDArray[np.int64],
+    planned: NDArray[np.int64],
+    width: int,
+    replicate_size: int,
+    lanes_left: int | None = None,
+    pass_samples: Callable[[], int] = lambda: 2**20,
+) -> Iterator[Pass]:
+    """The passes that bring every pixel to its planned number of replicates, in bands of rows.
+
+    lanes_left: never render more than this. The bands come in scattered order, so that a render which ends in between
+    has served all parts of the image alike.
+    """
+    behind = np.flatnonzero(planned > tried)
+    rank = _scattered(-(-len(tried) // width))
+    behind = behind[np.argsort(rank[behind // width], kind="stable")]
+    missing = planned[behind] - tried[behind]
+    ends = np.cumsum(missing)
+    rest = int(ends[-1]) if len(ends) else 0
+    if lanes_left is not None and lanes_left < rest:
+        last = int(np.searchsorted(ends, lanes_left))
+        behind, missing = behind[: last + 1], missing[: last + 1].copy()
+        missing[-1] -= int(ends[last]) - lanes_left
+        ends = np.cumsum(missing)
+        rest = lanes_left
+    done = start = 0
+    while done < rest:
+        most = _even(rest - done, pass_samples() // replicate_size)
+        stop = max(start + 1, int(np.searchsorted(ends, done + most, side="right")))
+        chosen = slice(start, stop)
+        some, n = behind[chosen], missing[chosen]
+        in_order = np.argsort(some)
+        some, n = some[in_order], n[in_order]
+        if (n > 0).any():
+            some, n = some[n > 0], n[n > 0]
+            yield Pass(some.astype(np.uint32), tried[some], n)
+        start, done = stop, int(ends[stop - 1])
 
 
 def _scattered(n: int) -> NDArray[np.int64]:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from renderer import plan
+from renderer import allocation, plan
 from renderer.errors import CheckpointError
 from renderer.estimate.error import ImageError, image_error
 from renderer.estimate.estimate import Estimate, Identity
 from renderer.estimate.forecast import CurvePoint, Forecast, forecast
+from renderer.estimate.health import Health
 from renderer.estimate.moments import Moments
-from renderer.settings import Settings, Target, replicate_size_for
+from renderer.settings import DEFAULT_CONFIDENCE, Settings, Target, replicate_size_for
 
 if TYPE_CHECKING:
     from renderer.scene.compile import Scene
@@ -31,7 +32,8 @@ MAX_SNAPSHOT_SHARE = 0.3  # or this much where a viewer would otherwise wait for
 class Snapshot:
     """The state of a render at a sequence number. error: None while not known. seconds: render time alone.
 
-    curve: error over time so far. stopped_by: error, seconds, spp or interrupted, on the last one.
+    upper: what the error is below, with the confidence that the target asks for. curve: error over time so far.
+    health: what to know before believing the image. stopped_by: error, seconds, spp or interrupted, on the last one.
     """
 
     sequence: int
@@ -46,6 +48,8 @@ class Snapshot:
     forecast: Forecast | None
     curve: tuple[CurvePoint, ...]
     stopped_by: str | None
+    upper: float | None = None
+    health: Health = field(default_factory=Health)
 
 
 def progressive(
@@ -127,6 +131,9 @@ class _Render:
         self.n = scene.width * scene.height
         self.kernel = scene.kernel(settings)
         self.moments = start.moments.copy() if start else Moments.empty(self.n)
+        self.planned = start.planned if start else None
+        self.unseen = scene.cannot_see(settings)
+        self.scope = target.region.scope(scene.width, scene.height) if target.region is not None else None
         self.seconds = start.seconds if start else 0.0
         self.sequence = 0
         self.curve: list[CurvePoint] = []
@@ -136,14 +143,13 @@ class _Render:
 
     @property
     def wanted(self) -> int | None:
-        """Replicates per pixel that the target's spp asks for."""
+        """Replicates per pixel that the target's spp asks for, in the mean."""
         return None if self.target.spp is None else -(-self.target.spp // self.size)
 
     def run(self, should_stop: Callable[[], bool]) -> Iterator[Snapshot]:
         stopped_by = self._stop_reason()
         while stopped_by is None:
-            tried, s = self.moments.tried, self.scene
-            for work in plan.next_round(tried, s.width, s.height, self.size, self.wanted, self._pass_samples):
+            for work in self._next_round():
                 self._run_pass(work)
                 if should_stop():
                     stopped_by = "interrupted"
@@ -156,16 +162,33 @@ class _Render:
             stopped_by = stopped_by or self._stop_reason()
         yield self._snapshot(stopped_by)
 
+    def _next_round(self) -> Iterator[plan.Pass]:
+        tried, s = self.moments.tried, self.scene
+        if not self.settings.adaptive or int(tried.min()) < plan.ADAPTIVE_FROM:
+            return plan.next_round(tried, s.width, s.height, self.size, self.wanted, self._pass_samples)
+        if self._is_round_over():
+            began = time.perf_counter()
+            self.planned = allocation.next_counts(self.moments, s.width, s.height, self.scope)
+            self.seconds += time.perf_counter() - began
+        assert self.planned is not None
+        left = None if self.wanted is None else self.wanted * self.n - int(tried.sum())
+        return plan.planned_round(tried, self.planned, s.width, self.size, left, self._pass_samples)
+
+    def _is_round_over(self) -> bool:
+        return self.planned is None or bool((self.moments.tried >= self.planned).all())
+
     def _run_pass(self, work: plan.Pass) -> None:
         began = time.perf_counter()
-        pixels = np.tile(work.pixels, work.n_replicates)
-        replicates = np.arange(work.first, work.first + work.n_replicates, dtype=np.uint32)
-        lanes = self.kernel.launch(pixels, np.repeat(replicates, len(work.pixels)), self.settings.seed)
+        layers = list(work.layers())
+        pixels, replicates = (np.concatenate(parts) for parts in zip(*layers, strict=True))
+        lanes = self.kernel.launch(pixels, replicates, self.settings.seed)
         radiance, invalid = np.array(lanes[0]).T, np.array(lanes[1])
-        where = slice(None) if len(work.pixels) == self.n else work.pixels
-        for r in range(work.n_replicates):
-            part = slice(r * len(work.pixels), (r + 1) * len(work.pixels))
+        start = 0
+        for some, _ in layers:
+            part = slice(start, start + len(some))
+            where = slice(None) if len(some) == self.n else some
             self.moments.add(where, radiance[part], invalid[part], self.size)
+            start += len(some)
         took = time.perf_counter() - began
         self.seconds += took
         self.since_snapshot += took
@@ -183,33 +206,51 @@ class _Render:
 
     def _stop_reason(self) -> str | None:
         """Why to stop now, at the end of a round. Looking at targets here only does not fool them."""
-        low = int(self.moments.tried.min())
-        if self.wanted is not None and low >= self.wanted:
+        tried = self.moments.tried
+        if self.wanted is not None and int(tried.sum()) >= self.wanted * self.n:
             return "spp"
         if self.target.seconds is not None and self.seconds >= self.target.seconds:
             return "seconds"
-        if not plan.is_checkpoint(low):
+        low, is_level = int(tried.min()), int(tried.min()) == int(tried.max())
+        is_planned = plan.is_checkpoint(low) if is_level else self.settings.adaptive and self._is_round_over()
+        if not is_planned or low < plan.MIN_REPLICATES_TO_STOP:
             return None
         began = time.perf_counter()
-        error = image_error(self.moments, self.target.error).error
+        found = self._error(is_trust_wanted=False)
         self.seconds += time.perf_counter() - began
-        self._extend_curve(error)
-        if self.target.error is not None and error is not None and error <= self.target.error:
-            return "error"
-        return None
+        self._extend_curve(found)
+        return "error" if self._is_reached(found) else None
 
-    def _extend_curve(self, error: float | None) -> None:
+    def _error(self, is_trust_wanted: bool) -> ImageError:
+        return image_error(
+            self.moments,
+            self.scene.width,
+            self.target.error,
+            confidence=self.target.confidence or DEFAULT_CONFIDENCE,
+            scope=self.scope,
+            is_trust_wanted=is_trust_wanted,
+        )
+
+    def _is_reached(self, found: ImageError) -> bool:
+        if self.target.error is None:
+            return False
+        if self.target.share is not None:
+            return found.share_lower is not None and found.share_lower >= self.target.share
+        return found.upper is not None and found.upper <= self.target.error
+
+    def _extend_curve(self, found: ImageError) -> None:
         """Adds a point, unless hardly any time has passed since the last one."""
-        if error is None or (self.curve and self.seconds < self.curve[-1].seconds * CURVE_GROWTH):
+        if found.error is None or (self.curve and self.seconds < self.curve[-1].seconds * CURVE_GROWTH):
             return
-        self.curve.append(CurvePoint(self.seconds, float(self.moments.count.mean()) * self.size, error))
+        spp = float(self.moments.count.mean()) * self.size
+        self.curve.append(CurvePoint(self.seconds, spp, found.error, found.upper))
 
     def _snapshot(self, stopped_by: str | None) -> Snapshot:
         began = time.perf_counter()
         self.sequence += 1
         moments = self.moments if stopped_by else self.moments.copy()
-        found: ImageError = image_error(moments, self.target.error)
-        self._extend_curve(found.error)
+        found = self._error(is_trust_wanted=False)
+        self._extend_curve(found)
         estimate = Estimate(
             width=self.scene.width,
             height=self.scene.height,
@@ -218,6 +259,8 @@ class _Render:
             identity=self.identity,
             seconds=self.seconds,
             ranges=((self.settings.seed, int(moments.tried.max())),),
+            planned=None if self._is_round_over() else self.planned,
+            notes={"warnings": list(self.scene.warnings), "cannot_see": list(self.unseen)},
         )
         goal = self.target.error
         snapshot = Snapshot(
@@ -225,7 +268,7 @@ class _Render:
             estimate=estimate,
             error=found.error,
             share_within=found.share_within,
-            share_trusted=found.share_trusted,
+            share_trusted=float(estimate.trust.mean()),
             spp=estimate.spp,
             samples=estimate.samples,
             seconds=self.seconds,
@@ -233,6 +276,8 @@ class _Render:
             forecast=forecast(self.curve, goal) if goal is not None and not stopped_by else None,
             curve=tuple(self.curve),
             stopped_by=stopped_by,
+            upper=found.upper,
+            health=estimate.health,
         )
         self.snapshot_cost = time.perf_counter() - began
         self.since_snapshot = 0.0

@@ -10,12 +10,15 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from renderer.errors import SettingsError
+from renderer.region import Region
 
+COLOURS = ("auto", "mono", "rgb", "spectral")
 TECHNIQUES = ("mis", "bsdf", "emitter", "cosine", "uniform")
 MAX_SIDE = 16384
 MAX_REPLICATE_SIZE = 64
 DEFAULT_REPLICATE_SIZE = 16
 UNLIMITED_DEPTH = -1
+DEFAULT_CONFIDENCE = 0.95
 
 
 def _whole(name: str, value: object, low: int, high: int) -> None:
@@ -32,6 +35,9 @@ class Settings:
     max_depth: as in Mitsuba (1 = only emitters seen directly, −1 = unlimited); None takes the scene's.
     technique: how incident directions are sampled: mis, bsdf, emitter, cosine or uniform.
     replicate_size: samples in one replicate, a power of two up to 64; None chooses by the target.
+    colour: how radiance depends on wavelength: mono, rgb or spectral; auto takes mono where nothing is coloured, else
+    rgb. Images are linear sRGB in each.
+    adaptive: sample pixels more often where that lowers the image error most; else all alike.
     """
 
     width: int | None = None
@@ -40,6 +46,8 @@ class Settings:
     max_depth: int | None = None
     technique: str = "mis"
     replicate_size: int | None = None
+    colour: str = "auto"
+    adaptive: bool = True
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -50,6 +58,10 @@ class Settings:
             _whole("max_depth", self.max_depth, UNLIMITED_DEPTH, 1_000_000)
         if self.technique not in TECHNIQUES:
             raise SettingsError(f"technique is {self.technique!r}; choose one of {', '.join(TECHNIQUES)}")
+        if self.colour not in COLOURS:
+            raise SettingsError(f"colour is {self.colour!r}; choose one of {', '.join(COLOURS)}")
+        if not isinstance(self.adaptive, bool):
+            raise SettingsError(f"adaptive is {self.adaptive!r}; it must be true or false")
         if (size := self.replicate_size) is not None:
             _whole("replicate_size", size, 1, MAX_REPLICATE_SIZE)
             if size & (size - 1):
@@ -65,17 +77,24 @@ class Target:
     """When to stop. Any combination; the first limit reached wins.
 
     error: relative image error as a fraction (0.02 = 2 %), 0 < error ≤ 10.
-    seconds: render time. spp: samples per pixel.
+    confidence: how sure to be that the true error is below, 0.5 … 0.9999; 0.95 where an error is given.
+    share: stop when this share of the pixels (0 … 1) has an error of its own below `error`, instead of the image's.
+    region: [x, y, width, height] or a (H, W) mask: the pixels whose error counts; None is the whole image.
+    seconds: render time. spp: samples per pixel, in the mean.
     """
 
     error: float | None = None
     seconds: float | None = None
     spp: int | None = None
+    confidence: float | None = None
+    share: float | None = None
+    region: Any = None
 
     def __post_init__(self) -> None:
         if self.error is None and self.seconds is None and self.spp is None:
             raise SettingsError("the target is empty; give at least one of error, seconds or spp")
-        for name, low, high in (("error", 1e-6, 10.0), ("seconds", 1e-3, 1e8)):
+        ranges = (("error", 1e-6, 10.0), ("seconds", 1e-3, 1e8), ("confidence", 0.5, 0.9999), ("share", 0.01, 0.9999))
+        for name, low, high in ranges:
             value = getattr(self, name)
             if value is None:
                 continue
@@ -85,10 +104,18 @@ class Target:
                 raise SettingsError(f"{name} is {value!r}; it must be from {low:g} to {high:g}")
         if self.spp is not None:
             _whole("spp", self.spp, 1, 2**31)
+        if self.error is None:
+            for name in ("confidence", "share", "region"):
+                if getattr(self, name) is not None:
+                    raise SettingsError(f"{name} is given without an error; say which error it is about")
+        elif self.confidence is None:
+            object.__setattr__(self, "confidence", DEFAULT_CONFIDENCE)
+        if self.region is not None:
+            object.__setattr__(self, "region", Region.of(self.region))
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for files and messages."""
-        return asdict(self)
+        """Plain values, for files and messages; of a mask its bounds alone."""
+        return asdict(self) | {"region": None if self.region is None else self.region.as_list()}
 
 
 def replicate_size_for(settings: Settings, target: Target) -> int:

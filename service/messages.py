@@ -40,12 +40,25 @@ class TargetRequest(_Request):
 
     error: float | None = Field(default=None, ge=1e-6, le=10, description="relative error, 0.02 = 2 %")
     seconds: float | None = Field(default=None, ge=1e-3, le=1e8, description="of rendering")
-    spp: int | None = Field(default=None, ge=1, le=2**31, description="samples per pixel")
+    spp: int | None = Field(default=None, ge=1, le=2**31, description="samples per pixel, in the mean")
+    confidence: float | None = Field(
+        default=None, ge=0.5, le=0.9999, description="how sure to be of the error; 0.95 where one is given"
+    )
+    share: float | None = Field(
+        default=None, ge=0.01, le=0.9999, description="of the pixels that must be within the error, each by itself"
+    )
+    region: list[int] | None = Field(
+        default=None, min_length=4, max_length=4, description="x, y, width, height: the pixels whose error counts"
+    )
 
     @model_validator(mode="after")
     def _at_least_one(self) -> Self:
         if self.error is None and self.seconds is None and self.spp is None:
             raise ValueError("the target is empty; give at least one of error, seconds or spp")
+        if self.error is None and (self.confidence, self.share, self.region) != (None, None, None):
+            raise ValueError("confidence, share and region are about an error; give one")
+        if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) < 1):
+            raise ValueError("region is x, y, width, height in pixels; x and y from 0, width and height from 1")
         return self
 
 
@@ -57,6 +70,7 @@ class SettingsRequest(_Request):
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
     max_depth: int | None = Field(default=None, ge=-1, le=1_000_000, description="-1 = unlimited")
     technique: Technique = "mis"
+    adaptive: bool = Field(default=True, description="more samples where they lower the error most")
 
 
 class JobRequest(_Request):
@@ -88,6 +102,9 @@ class Target(BaseModel):
     error: float | None
     seconds: float | None
     spp: int | None
+    confidence: float | None = None
+    share: float | None = None
+    region: list[int] | None = None
 
 
 class Settings(BaseModel):
@@ -98,6 +115,7 @@ class Settings(BaseModel):
     seed: int
     max_depth: int | None
     technique: Technique
+    adaptive: bool = True
 
 
 class Forecast(BaseModel):
@@ -116,6 +134,18 @@ class Cause(BaseModel):
     hint: str
 
 
+class ImageHealth(BaseModel):
+    """What to know before believing a picture. invalid: samples that were not finite; untrusted: share of pixels."""
+
+    status: Literal["good", "uncertain", "degraded"]
+    invalid: int
+    invalid_pixels: int
+    empty_pixels: int
+    untrusted: float
+    cannot_see: list[str]
+    warnings: list[str]
+
+
 class ProgressMessage(BaseModel):
     """What changes while a job runs."""
 
@@ -130,6 +160,8 @@ class ProgressMessage(BaseModel):
     share_within: float | None
     share_trusted: float | None
     invalid: int
+    error_upper: float | None = Field(default=None, description="what the error is below, with the target's confidence")
+    health: ImageHealth | None = None
 
     @classmethod
     def of(cls, job: JobRecord, progress: Progress) -> Self:
@@ -162,6 +194,8 @@ class Job(BaseModel):
     share_within: float | None
     share_trusted: float | None
     invalid: int
+    error_upper: float | None = Field(default=None, description="what the error is below, with the target's confidence")
+    health: ImageHealth | None = None
     cause: Cause | None
     warnings: list[str]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 from typing import Any
 
-from renderer.errors import SceneError
+from renderer.errors import SceneError, SettingsError
+from renderer.region import Region
 from renderer.scene import gallery
 from service.errors import ProblemError, refused
 from service.messages import ContinueRequest, JobRequest
@@ -44,6 +45,11 @@ def new_job(request: JobRequest, settings: ServiceSettings, scenes: SceneStore, 
             f"{width}×{height} are {width * height} pixels, and this service allows "
             f"{settings.max_pixels}; ask for a smaller picture",
         )
+    if request.target.region is not None:
+        try:
+            Region.of(request.target.region).scope(width, height)
+        except SettingsError as error:
+            raise refused("target.region", str(error)) from None
     resolved = request.settings.model_dump() | {"width": width, "height": height}
     return NewJob(
         name, kind, reference, name, request.target.model_dump(), resolved, warnings, priority=request.priority
@@ -64,8 +70,10 @@ def check_continuation(job: JobRecord, request: ContinueRequest) -> dict[str, An
     if target.seconds is not None and reached.seconds >= target.seconds:
         used = f"{reached.seconds:.1f} s of rendering are used already"
         raise refused("target.seconds", f"{used}, and they count from the beginning; ask for more than that")
-    if target.error is not None and reached.error is not None and reached.error <= target.error:
-        raise refused("target.error", f"{reached.error:.4g} is reached already; ask for less than that")
+    bound = reached.error if reached.error_upper is None else reached.error_upper
+    is_same_scope = target.share is None and target.region == job.target.get("region")
+    if target.error is not None and bound is not None and is_same_scope and bound <= target.error:
+        raise refused("target.error", f"{bound:.4g} is reached already; ask for less than that")
     return target.model_dump()
 
 

@@ -17,10 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
+from renderer.equation.collimated import CollimatedLights, is_collimated
 
 mi: Any = mitsuba()
 
 UNIFORM_SHARE = 0.2  # of the choice among finite lights
+# Among few lights power says little (a spot shines elsewhere, a dim lamp is near): a light chosen too seldom costs
+# fireflies, and halving the chance of the others costs next to nothing.
+FEW_LIGHTS, UNIFORM_SHARE_OF_FEW = 8, 0.5
 POWER_SAMPLES = 1024
 ON_SURFACE = 0.9998  # (radius / distance)² from which a point counts as lying on a sphere
 # Shapes whose surface Mitsuba cannot sample: light on them is found by direction sampling alone.
@@ -31,7 +35,7 @@ class EmitterSampler:
     """Samples the emitters of one scene. `is_empty` where there is nothing to sample."""
 
     def __init__(self, scene: Any) -> None:
-        emitters = [e for e in scene.emitters() if _is_sampleable(e)]
+        emitters = [e for e in scene.emitters() if is_sampleable(e)]
         self.is_empty = not emitters
         if self.is_empty:
             return
@@ -60,6 +64,7 @@ class EmitterSampler:
                 if sphere is not None:
                     table[i] = sphere
             self.sphere_by_id = mi.Float(table.ravel())
+        self.collimated = CollimatedLights(emitters, ids)
 
     def sample(self, ref: Any, u: Any, active: Any) -> tuple[Any, Any]:
         """A point on a light as seen from `ref`, visibility not tested. Returns (DirectionSample3f, radiance / pdf)."""
@@ -79,6 +84,8 @@ class EmitterSampler:
             for name in ("p", "n", "d", "dist", "pdf"):
                 setattr(ds, name, dr.select(is_sphere, getattr(ds_sphere, name), getattr(ds, name)))
             weight = dr.select(is_sphere, weight_sphere, weight)
+        if not self.collimated.is_empty:
+            ds, weight = self.collimated.sample(ref, emitter, ds, weight, active)
         ds.pdf *= pmf
         return ds, weight / pmf
 
@@ -171,7 +178,8 @@ def choice_probabilities(emitters: list[Any]) -> NDArray[np.float64]:
         known = np.where(np.isnan(finite), np.nanmean(finite) if np.isfinite(finite).any() else 1.0, finite)
         lit = known > 0
         if lit.any():
-            mixed = UNIFORM_SHARE * lit / lit.sum() + (1 - UNIFORM_SHARE) * known / known.sum()
+            share = UNIFORM_SHARE_OF_FEW if lit.sum() <= FEW_LIGHTS else UNIFORM_SHARE
+            mixed = share * lit / lit.sum() + (1 - share) * known / known.sum()
             probability[~infinite] = mixed / shares
     total = probability.sum()
     return probability / total if total > 0 else probability
@@ -193,8 +201,11 @@ def _power(emitter: Any) -> float:
     return max(mean, 0.0)
 
 
-def _is_sampleable(emitter: Any) -> bool:
+def is_sampleable(emitter: Any) -> bool:
+    """Whether emitter sampling can find an emitter: not on shapes whose surface Mitsuba cannot sample."""
     shape = emitter.get_shape()
+    if emitter.class_name() == "DirectionalArea":
+        return is_collimated(emitter)
     return shape is None or shape.class_name() not in _UNSAMPLEABLE
 
 

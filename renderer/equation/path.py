@@ -17,7 +17,7 @@ from typing import Any
 
 import drjit as dr
 
-from renderer.backend import mitsuba
+from renderer.backend import mitsuba, using
 from renderer.equation import roulette
 from renderer.equation.emitters import EmitterSampler
 from renderer.equation.filter import PixelFilter
@@ -42,7 +42,8 @@ class Model:
 
     technique: see `Settings`. max_depth: −1 = unlimited. rr_depth: vertices before roulette.
     has_sampleable_emitters: whether emitter sampling can find anything. hide_emitters: lights unseen by the camera.
-    has_lens: whether the camera has an aperture. stratified: Owen-scrambled points, else independent ones.
+    has_lens: whether the camera has an aperture. splits_lobes: see `Directions`.
+    stratified: Owen-scrambled points, else independent ones.
     """
 
     technique: str
@@ -52,6 +53,7 @@ class Model:
     has_sampleable_emitters: bool = True
     hide_emitters: bool = False
     has_lens: bool = True
+    splits_lobes: bool = False
     has_roulette: bool = True
     stratified: bool = True
 
@@ -65,11 +67,12 @@ class PathKernel:
     """Compiled once per (scene, model); `launch` runs it over any lanes without compiling again."""
 
     def __init__(self, scene: Any, sensor: Any, size: tuple[int, int], model: Model) -> None:
+        self.variant: str = mi.variant()
         self.scene = scene
         self.sensor = sensor
         self.model = model
         self.filter = PixelFilter(mi, sensor.film().rfilter())
-        self.directions = Directions(model.technique)
+        self.directions = Directions(model.technique, model.splits_lobes)
         self.emitters = EmitterSampler(scene)
         self.samples_emitters = model.samples_emitters and not self.emitters.is_empty
         # Sensors take positions relative to the crop window, of which `size` is the number of pixels.
@@ -87,7 +90,7 @@ class PathKernel:
         Returns radiance: Color3f of n, the mean of the finite samples; invalid: UInt32 of n, samples not finite.
         """
         low, high = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), dr.opaque(mi.UInt32, seed >> 32)
-        with dr.suspend_grad():
+        with dr.suspend_grad(), using(self.variant):
             radiance, invalid = self._run(_lanes(pixels), _lanes(replicates), low, high, self.sizes)
         dr.eval(radiance, invalid)  # apart from what reads them: else their number would be compiled into the kernel
         return radiance, invalid
@@ -195,9 +198,15 @@ class PathKernel:
                 ds, emitter_weight = self.emitters.sample(ref_em, sequence.point(index, vertex + EMITTER), active_em)
                 active_em &= ds.pdf != 0
                 wo = si.to_local(ds.d)
-                value, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
-                    ctx, si, wo, lobe_and_roulette.x, u_direction, active_next
-                )
+                if dr.hint(self.model.splits_lobes, mode="scalar"):
+                    value, pdf = self.directions.eval_pdf(bsdf, ctx, si, wo, active_next)
+                    bs, bsdf_weight = self.directions.sample(
+                        bsdf, ctx, si, lobe_and_roulette.x, u_direction, active_next
+                    )
+                else:
+                    value, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
+                        ctx, si, wo, lobe_and_roulette.x, u_direction, active_next
+                    )
                 weight_em = mi.Float(1)
                 if dr.hint(self.model.technique == "mis", mode="scalar"):
                     weight_em = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
@@ -245,7 +254,7 @@ class PathKernel:
             # ------------------------------ Next sample ------------------------------
 
             ended = active & ~active_next
-            rgb = self._to_rgb(radiance, wavelengths)
+            rgb = self.to_rgb(radiance, wavelengths)
             is_finite = dr.all(dr.isfinite(rgb))
             total[ended & is_finite] = total + rgb
             invalid[ended & ~is_finite] = invalid + 1
@@ -258,7 +267,7 @@ class PathKernel:
         return dr.select(valid > 0, total / valid, 0), invalid
 
     @staticmethod
-    def _to_rgb(radiance: Any, wavelengths: Any) -> Any:
+    def to_rgb(radiance: Any, wavelengths: Any) -> Any:
         """Linear sRGB of a radiance sample."""
         if mi.is_monochromatic:
             return mi.Color3f(radiance.x)

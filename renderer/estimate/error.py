@@ -1,9 +1,17 @@
-"""The relative error of an image, from its own moments.
+"""The relative error of an image, from its own moments, and what it is not above.
 
     error = sqrt( mean over pixels and channels of Var[mean] / (mean² + (0.1 · image mean)²) )
 
 Scale-free; the floor keeps black pixels from dominating. `estimated_rel_mse` is its square. `rel_mse` is the same
 measure against a reference, for tests and benchmarks.
+
+`upper` is the upper confidence bound of the true error. It differs from `error` in three ways:
+- A pixel that found one bright value early has a large mean for the same reason as a large variance, and their ratio
+  hides it. The more its variance is that of one value, the more its mean is taken from its neighbours.
+- The mean over pixels is one of finitely many independent terms, and the truth is another: both spread. A term that is
+  estimated from n replicates of skewness γ has the relative variance 2/(n − 1) + 3γ²/n of an estimated variance (its
+  kurtosis taken as that of a gamma distribution, 1.5 γ²), and the true squared error spreads by 2 + 3γ²/n around it.
+- Looking often finds a favourable moment: the quantile is that of a bolder confidence (`LOOKS`).
 """
 
 from __future__ import annotations
@@ -13,24 +21,32 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
-from renderer.estimate.interval import trust
+from renderer.estimate.interval import FLOOR, trust
 from renderer.estimate.moments import Moments
+from renderer.estimate.neighbours import box_sum
 
-FLOOR = 0.1
 MIN_MEASURED = 256  # pixels with a variance, before the error of the image is said
+CONFIDENCE = 0.95
+LOOKS = 2.0  # the chance of a false stop is shared among this many looks that differ
+WINDOW = 7
+SINGLE = 3.0  # a share of 1/SINGLE of the variance in one value is taken as all of it
 
 
 @dataclass(frozen=True, slots=True)
 class ImageError:
     """error: relative error of the image, None while fewer than 256 pixels have two replicates.
 
-    share_within: share of pixels whose own relative error is below the target. share_trusted: see `interval.trust`.
+    upper: bound that the true error is below with the confidence asked for. share_within: share of pixels whose own
+    relative error is below the target; share_lower: what it is not below. share_trusted: see `interval.trust`.
     """
 
     error: float | None
     share_within: float | None
     share_trusted: float
+    upper: float | None = None
+    share_lower: float | None = None
 
 
 def floor_of(mean: NDArray[np.float64]) -> float:
@@ -41,29 +57,81 @@ def floor_of(mean: NDArray[np.float64]) -> float:
     return max((FLOOR * average) ** 2, np.finfo(np.float64).tiny)
 
 
-def pixel_rel_mse(moments: Moments) -> NDArray[np.float64]:
+def pixel_rel_mse(moments: Moments, floor: float | None = None) -> NDArray[np.float64]:
     """(n,) estimated relative squared error of each pixel, mean over R, G, B; NaN where count < 2."""
-    return np.mean(moments.variance_of_mean()[:, :3] / (moments.mean**2 + floor_of(moments.mean)), axis=1)
+    floor = floor_of(moments.mean) if floor is None else floor
+    return np.mean(moments.variance_of_mean()[:, :3] / (moments.mean**2 + floor), axis=1)
 
 
-def image_error(moments: Moments, target: float | None = None) -> ImageError:
-    """The error of the whole image.
+def image_error(
+    moments: Moments,
+    width: int,
+    target: float | None = None,
+    *,
+    confidence: float = CONFIDENCE,
+    scope: NDArray[np.bool_] | None = None,
+    is_trust_wanted: bool = True,
+) -> ImageError:
+    """The error of the whole image, or of the pixels in `scope` (n,).
 
     Early on only a grid of pixels has two replicates. A pixel without a variance of its own is then taken to vary like
     the mean of the others, per replicate.
     """
-    trusted = float(trust(moments).mean()) if moments.count.size else 0.0
-    measured = moments.count >= 2
+    inside = np.ones(len(moments.count), bool) if scope is None else scope
+    is_trusted = trust(moments, width)[inside] if is_trust_wanted else np.zeros(1, bool)
+    trusted = float(is_trusted.mean()) if is_trusted.size else 0.0
+    count, mean = moments.count[inside], moments.mean[inside]
+    measured = count >= 2
     n_measured = int(measured.sum())
-    is_black = not moments.mean.any()  # nothing found yet is no estimate, and not a perfect one
-    if is_black or n_measured == 0 or n_measured < min(MIN_MEASURED, moments.count.size):
+    is_black = not mean.any()  # nothing found yet is no estimate, and not a perfect one
+    if is_black or n_measured == 0 or n_measured < min(MIN_MEASURED, len(count)):
         return ImageError(None, None, trusted)
-    squared = pixel_rel_mse(moments)
-    if n_measured < moments.count.size:
-        per_replicate = float(np.mean(squared[measured] * moments.count[measured]))
-        squared = np.where(measured, squared, per_replicate / np.maximum(moments.count, 1))
-    within = None if target is None else float(np.mean(squared <= target * target))
-    return ImageError(math.sqrt(float(np.mean(squared))), within, trusted)
+    floor = floor_of(mean)
+    squared = pixel_rel_mse(moments, floor)[inside]
+    if n_measured < len(count):
+        per_replicate = float(np.mean(squared[measured] * count[measured]))
+        squared = np.where(measured, squared, per_replicate / np.maximum(count, 1))
+    error = math.sqrt(float(np.mean(squared)))
+    if n_measured < len(count):
+        return ImageError(error, _share(squared, target), trusted)
+    careful, single = _careful(moments, width, floor)
+    careful, single = np.maximum(careful[inside], squared), single[inside]
+    z = float(ndtri(1 - (1 - confidence) / LOOKS))
+    within = _share(squared, target)
+    lower = _share(careful, target)
+    if lower is not None:
+        lower = max(0.0, lower - z * math.sqrt(lower * (1 - lower) / len(count)))
+    spread = 2.0 + 2.0 / np.maximum(count - 1, 1) + 6.0 * single
+    total = float(careful.sum())
+    relative = math.sqrt(float(np.sum(careful**2 * spread))) / total if total > 0 else 0.0
+    return ImageError(
+        error=error,
+        share_within=within,
+        share_trusted=trusted,
+        upper=math.sqrt(total / len(count) * math.exp(min(z * relative, 50.0))),
+        share_lower=lower,
+    )
+
+
+def _share(squared: NDArray[np.float64], target: float | None) -> float | None:
+    return None if target is None else float(np.mean(squared <= target * target))
+
+
+def _careful(moments: Moments, width: int, floor: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n,) relative squared error of each pixel, its mean doubted where one value makes it; and that value's share of
+    the variance, γ²/n (0 … 1)."""
+    shape = (len(moments.count) // width, width)
+    single = np.minimum(moments.skewness() ** 2 / np.maximum(moments.count, 1), 1.0)
+    doubt = np.minimum(SINGLE * single, 1.0)
+    others = np.maximum(box_sum(np.ones(shape), WINDOW) - 1.0, 1.0).ravel()
+    result = np.zeros(len(single))
+    variance = moments.variance_of_mean()
+    for c in range(3):
+        mean = moments.mean[:, c]
+        around = (box_sum(np.ascontiguousarray(mean).reshape(shape), WINDOW).ravel() - mean) / others
+        believed = mean + doubt * (np.minimum(np.abs(mean), np.maximum(around, 0.0)) - mean)
+        result += variance[:, c] / (believed**2 + floor)
+    return result / 3.0, single
 
 
 def rel_mse(image: NDArray, reference: NDArray) -> float:

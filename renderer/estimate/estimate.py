@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from renderer.errors import MergeError, SettingsError
 from renderer.estimate import interval
+from renderer.estimate.health import Health, examine
 from renderer.estimate.moments import Moments
 
 
@@ -47,6 +49,8 @@ class Estimate:
     """Moments of a (height, width) image. Arrays are (H, W, …), row 0 at the top; radiance in linear sRGB primaries.
 
     ranges: (seed, replicates) pairs: for each seed, how many replicates at most a pixel holds, counted from 0.
+    notes: warnings of the scene and what its technique cannot see, for `health`.
+    planned: (n,) replicates of each pixel at the end of the round in progress; None where all pixels are served alike.
     """
 
     width: int
@@ -57,6 +61,7 @@ class Estimate:
     seconds: float = 0.0
     ranges: tuple[tuple[int, int], ...] = ((0, 0),)
     notes: dict[str, Any] = field(default_factory=dict)
+    planned: NDArray[np.int64] | None = None
 
     def _shaped(self, array: NDArray) -> NDArray:
         return array.reshape(self.height, self.width, *array.shape[1:])
@@ -76,15 +81,20 @@ class Estimate:
         """(H, W, 4) standard error of the mean of R, G, B, Y; NaN where count < 2."""
         return self._shaped(np.sqrt(self.moments.variance_of_mean()))
 
-    @property
+    @cached_property
     def trust(self) -> NDArray[np.bool_]:
         """(H, W) whether the interval can be believed."""
-        return self._shaped(interval.trust(self.moments))
+        return self._shaped(interval.trust(self.moments, self.width))
 
     @property
     def invalid(self) -> NDArray[np.int64]:
         """(H, W) samples that were not finite."""
         return self._shaped(self.moments.invalid)
+
+    @cached_property
+    def health(self) -> Health:
+        """What to know before believing the image."""
+        return examine(self, self.notes.get("warnings", ()), self.notes.get("cannot_see", ()))
 
     @property
     def samples(self) -> int:
@@ -98,7 +108,7 @@ class Estimate:
 
     def filled(self) -> NDArray[np.float32]:
         """(H, W, 3) radiance to look at: pixels without samples take the nearest coarser one that has some."""
-        image, has = self.mean.astype(np.float32), self.count > 0
+        image, has = self.mean.astype(np.float32, order="C"), self.count > 0
         stride = 1
         while not has.all() and stride < max(self.width, self.height):
             stride *= 2
@@ -130,7 +140,7 @@ class Estimate:
             interval=(luminance - width, luminance + width) if count >= 2 else None,
             samples=count * self.replicate_size,
             replicates=count,
-            trusted=bool(interval.trust(one)[0]),
+            trusted=bool(self.trust[y, x]),
         )
 
     def picture(self, exposure: float = 0.0) -> NDArray[np.uint8]:
@@ -176,6 +186,6 @@ def merge(a: Estimate, b: Estimate) -> Estimate:
         moments=a.moments.merge(b.moments),
         identity=a.identity,
         seconds=a.seconds + b.seconds,
-        ranges=tuple(sorted({*a.ranges, *b.ranges})),
+        ranges=tuple(sorted({r for r in (*a.ranges, *b.ranges) if r[1]})) or a.ranges[:1],
         notes=a.notes,
     )

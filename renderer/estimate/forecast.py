@@ -1,7 +1,7 @@
-"""When will the target be reached? From error² × time, which is constant for Monte Carlo.
+"""When will the target be reached? From error² × samples, which is constant for Monte Carlo, and the pace of late.
 
 Enters: the curve of error over time so far. Leaves: the seconds left and an interval, or None while it is not worth
-showing.
+showing: early on, heavy tails have not shown yet, and the constant still drifts.
 """
 
 from __future__ import annotations
@@ -11,16 +11,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 MIN_POINTS = 4
+MAX_DRIFT = 0.35  # of the constant over the points used; more is no forecast
+MIN_SPREAD = 0.05
 Z95 = 1.96
 
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """One point of the convergence curve."""
+    """One point of the convergence curve. upper: confidence bound of the error, None where there is none yet."""
 
     seconds: float
     spp: float
     error: float
+    upper: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,19 +36,27 @@ class Forecast:
 
 
 def forecast(curve: Sequence[CurvePoint], target: float) -> Forecast | None:
-    """Seconds left until `target`, from the later half of the curve; None while fewer than four points are known."""
+    """Seconds left until the bound of the error falls to `target`; None while that is not known."""
     if len(curve) < MIN_POINTS:
         return None
-    recent = curve[len(curve) // 2 :]
-    logs = [math.log(p.error**2 * p.seconds) for p in recent if p.error > 0 and p.seconds > 0]
-    if len(logs) < 2:
+    recent = [p for p in curve[len(curve) // 2 :] if _stops(p) > 0 and p.spp > 0]
+    if len(recent) < 2:
         return None
-    centre = sum(logs) / len(logs)
+    logs = [math.log(_stops(p) ** 2 * p.spp) for p in recent]
+    if max(logs) - min(logs) > MAX_DRIFT:
+        return None
+    # The latest point knows most; the one before it damps the noise of its tail.
+    centre = logs[-1]
     spread = math.sqrt(sum((x - centre) ** 2 for x in logs) / (len(logs) - 1))
-    now = curve[-1].seconds
+    first, last = recent[0], recent[-1]
+    pace = (last.seconds - first.seconds) / (last.spp - first.spp) if last.spp > first.spp else last.seconds / last.spp
 
     def left(log_constant: float) -> float:
-        return max(0.0, math.exp(log_constant) / target**2 - now)
+        return max(0.0, pace * (math.exp(log_constant) / target**2 - last.spp))
 
-    margin = Z95 * max(spread, 0.02)
+    margin = Z95 * max(spread, MIN_SPREAD)
     return Forecast(left(centre), left(centre - margin), left(centre + margin))
+
+
+def _stops(point: CurvePoint) -> float:
+    return point.error if point.upper is None else point.upper

@@ -1,9 +1,10 @@
 """Per-pixel moments of replicates: a value that merges.
 
 Enters: replicate means (float32 radiance, a short sum each). Leaves: count, mean and m2 per pixel in float64, plus what
-trust needs (how many replicates were not black, how bright the brightest was). Pixels are in row-major order.
-A pixel's replicates are added one by one in index order, so neither pass size nor timing changes a bit of the result.
-Sources: Welford 1962 (add), Chan, Golub & LeVeque 1979 (merge).
+trust needs (third moment of luminance, how many replicates were not black, how bright the brightest was). Pixels are in
+row-major order. A pixel's replicates are added one by one in index order, so neither pass size nor timing changes a bit
+of the result.
+Sources: Welford 1962 (add), Chan, Golub & LeVeque 1979 (merge), Terriberry 2007 (third moment).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709 / sRGB primaries
+CHUNK = 8192  # pixels whose numbers stay in the cache while they are folded
 
 
 @dataclass(slots=True)
@@ -22,14 +24,16 @@ class Moments:
     """Moments of n pixels.
 
     count: (n,) int64 replicates. mean: (n, 3) radiance, RGB. m2: (n, 4) sum of squared deviations of R, G, B and Y;
-    luminance has its own because channels are correlated. nonzero: (n,) int64 replicates that were not black.
-    largest: (n,) luminance of the brightest replicate. invalid: (n,) int64 samples that were not finite.
-    tried: (n,) int64 replicates that were rendered; more than count where all samples of one were not finite.
+    luminance has its own because channels are correlated. m3: (n,) sum of cubed deviations of Y. nonzero: (n,) int64
+    replicates that were not black. largest: (n,) luminance of the brightest replicate. invalid: (n,) int64 samples that
+    were not finite. tried: (n,) int64 replicates that were rendered; more than count where all samples of one were not
+    finite. Columns of mean and m2 are contiguous: they are folded one channel at a time.
     """
 
     count: NDArray[np.int64]
     mean: Array
     m2: Array
+    m3: Array
     nonzero: NDArray[np.int64]
     largest: Array
     invalid: NDArray[np.int64]
@@ -39,11 +43,12 @@ class Moments:
     def empty(cls, n: int) -> Moments:
         """Moments of n pixels without any replicate."""
         whole = lambda: np.zeros(n, np.int64)  # noqa: E731
-        return cls(whole(), np.zeros((n, 3)), np.zeros((n, 4)), whole(), np.zeros(n), whole(), whole())
+        columns = lambda k: np.zeros((n, k), order="F")  # noqa: E731
+        return cls(whole(), columns(3), columns(4), np.zeros(n), whole(), np.zeros(n), whole(), whole())
 
     def copy(self) -> Moments:
         """An independent copy."""
-        return Moments(*(getattr(self, f.name).copy() for f in fields(self)))
+        return Moments(*(getattr(self, f.name).copy("K") for f in fields(self)))
 
     def add(
         self, pixels: NDArray[np.integer] | slice, radiance: NDArray, invalid: NDArray, replicate_size: int
@@ -53,46 +58,72 @@ class Moments:
         radiance: (k, 3) replicate means. invalid: (k,) samples of each that were not finite; a replicate of which no
         sample was finite counts as invalid samples only.
         """
-        self.tried[pixels] += 1
-        bad = invalid > 0
-        if bad.any():
-            self.invalid[pixels] += invalid
-            lost = invalid >= replicate_size
-            if lost.any():
-                kept = np.flatnonzero(~lost)
-                pixels = np.arange(len(self.count))[pixels][kept] if isinstance(pixels, slice) else pixels[kept]
-                radiance = radiance[kept]
-        value = radiance.astype(np.float64)
-        luminance = value @ LUMINANCE
-        count = self.count[pixels] + 1
-        mean = self.mean[pixels]
-        delta = value - mean
-        delta_y = delta @ LUMINANCE
-        mean += delta / count[:, None]
-        after = value - mean
-        self.m2[pixels, :3] += delta * after
-        self.m2[pixels, 3] += np.square(delta_y) * ((count - 1) / count)  # never negative, unlike delta · after
-        self.mean[pixels] = mean
-        self.count[pixels] = count
-        self.nonzero[pixels] += luminance != 0
-        self.largest[pixels] = np.maximum(self.largest[pixels], np.abs(luminance))
+        if invalid.any():
+            numbers = np.arange(len(self.count))[pixels] if isinstance(pixels, slice) else pixels
+            self.invalid[numbers] += invalid
+            kept = invalid < replicate_size
+            self.tried[numbers[~kept]] += 1
+            pixels, radiance = numbers[kept], radiance[kept]
+        is_slice = isinstance(pixels, slice)
+        for start in range(0, len(radiance), CHUNK):
+            part = slice(start, start + CHUNK)
+            self._fold(slice(start, min(start + CHUNK, len(radiance))) if is_slice else pixels[part], radiance[part])
+
+    def _fold(self, where: NDArray[np.integer] | slice, value: NDArray) -> None:
+        """Welford's update, with Terriberry's third moment."""
+        count = self.count[where] + 1
+        inverse = 1.0 / count
+        luminance = delta_y = np.zeros(len(value))
+        for c, weight in enumerate(LUMINANCE):
+            x = value[:, c].astype(np.float64)
+            mean, m2 = self.mean[:, c], self.m2[:, c]
+            before = mean[where]
+            delta = x - before
+            after = before + delta * inverse
+            m2[where] += delta * (x - after)
+            mean[where] = after
+            luminance = luminance + weight * x
+            delta_y = delta_y + weight * delta
+        m2 = self.m2[:, 3]
+        before = m2[where]
+        gained = np.square(delta_y) * ((count - 1) * inverse)  # never negative, unlike delta · (x − after)
+        self.m3[where] += delta_y * (gained * ((count - 2) * inverse) - 3 * inverse * before)
+        m2[where] = before + gained
+        self.count[where] = count
+        self.tried[where] += 1
+        self.nonzero[where] += luminance != 0
+        self.largest[where] = np.maximum(self.largest[where], np.abs(luminance))
 
     def merge(self, other: Moments) -> Moments:
         """Moments of both sets of replicates, which must be disjoint (the caller knows the replicate ranges)."""
         count = self.count + other.count
-        safe = np.maximum(count, 1)[:, None]
-        share = other.count[:, None] / safe
+        safe = np.maximum(count, 1)
+        share = other.count / safe
         delta = other.mean - self.mean
         delta4 = np.concatenate([delta, (delta @ LUMINANCE)[:, None]], axis=1)
+        delta_y = delta4[:, 3]
+        cross = (self.count * share)[:, None]
+        skew = delta_y * (
+            delta_y**2 * cross[:, 0] * ((self.count - other.count) / safe)
+            + 3 * ((self.count / safe) * other.m2[:, 3] - share * self.m2[:, 3])
+        )
         return Moments(
             count=count,
-            mean=self.mean + delta * share,
-            m2=self.m2 + other.m2 + delta4**2 * (self.count[:, None] * share),
+            mean=np.asfortranarray(self.mean + delta * share[:, None]),
+            m2=np.asfortranarray(self.m2 + other.m2 + delta4**2 * cross),
+            m3=self.m3 + other.m3 + skew,
             nonzero=self.nonzero + other.nonzero,
             largest=np.maximum(self.largest, other.largest),
             invalid=self.invalid + other.invalid,
             tried=self.tried + other.tried,
         )
+
+    def skewness(self) -> Array:
+        """(n,) sample skewness of one replicate's luminance; 0 where nothing varies."""
+        spread = self.m2[:, 3]
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            skew = self.m3 / spread * np.sqrt(self.count / spread)
+        return np.where((spread > 0) & np.isfinite(skew), skew, 0.0)
 
     def variance(self) -> Array:
         """(n, 4) sample variance of one replicate, R, G, B, Y; NaN where count < 2."""

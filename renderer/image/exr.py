@@ -47,9 +47,11 @@ EXACT = (
     "largest",
     "invalid",
     "tried",
+    "m3",
+    "planned",
 )
 MOMENT_CHANNELS = tuple(f"{name}.{half}" for name in EXACT for half in ("low", "high"))
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 
 def write_estimate(estimate: Estimate, path: Path, metadata: dict[str, Any]) -> None:
@@ -98,7 +100,8 @@ def _write_parts(estimate: Estimate, path: Path, metadata: dict[str, Any]) -> No
 def _picture_array(estimate: Estimate) -> NDArray[np.float32]:
     stderr = np.nan_to_num(estimate.stderr, nan=0.0).astype(np.float32)
     flags = [estimate.count, estimate.trust, estimate.invalid]
-    return np.concatenate([estimate.filled(), stderr, *(f[..., None].astype(np.float32) for f in flags)], axis=-1)
+    channels = [estimate.filled(), stderr, *(f[..., None].astype(np.float32) for f in flags)]
+    return np.ascontiguousarray(np.concatenate(channels, axis=-1))
 
 
 def _exact_array(estimate: Estimate) -> NDArray[np.uint32]:
@@ -111,13 +114,16 @@ def _exact_array(estimate: Estimate) -> NDArray[np.uint32]:
         m.largest[:, None],
         m.invalid[:, None],
         m.tried[:, None],
+        m.m3[:, None],
+        (np.zeros_like(m.tried) if estimate.planned is None else estimate.planned)[:, None],
     ]
     exact = np.concatenate([np.asarray(c, np.float64) for c in columns], axis=1)
     return np.ascontiguousarray(exact).view("<u4").reshape(estimate.height, estimate.width, -1)
 
 
 def _metadata(estimate: Estimate, extra: dict[str, Any]) -> dict[str, Any]:
-    error = image_error(estimate.moments).error
+    found = image_error(estimate.moments, estimate.width, is_trust_wanted=False)
+    error = found.error
     values: dict[str, Any] = {
         "format": FORMAT_VERSION,
         "scene": estimate.identity.scene_name,
@@ -131,11 +137,14 @@ def _metadata(estimate: Estimate, extra: dict[str, Any]) -> dict[str, Any]:
         "seconds": repr(float(estimate.seconds)),
         "invalid": str(int(estimate.moments.invalid.sum())),
         "share_trusted": float(estimate.trust.mean()),
+        "health": json.dumps(estimate.health.as_dict()),
         "versions": json.dumps(versions(), sort_keys=True),
     }
     if error is not None:
         values["error"] = float(error)
         values["estimated_rel_mse"] = float(error**2)
+    if found.upper is not None:
+        values["error_upper"] = float(found.upper)
     return values | {k: v if isinstance(v, (int, float, str)) else json.dumps(v) for k, v in extra.items()}
 
 
@@ -164,8 +173,9 @@ def read_estimate(path: Path) -> Estimate:
             replicate_size=int(get("replicate_size")),
             moments=Moments(
                 count=exact[:, 7].astype(np.int64),
-                mean=exact[:, 0:3].copy(),
-                m2=exact[:, 3:7].copy(),
+                mean=exact[:, 0:3].copy("F"),
+                m2=exact[:, 3:7].copy("F"),
+                m3=exact[:, 12].copy(),
                 nonzero=exact[:, 8].astype(np.int64),
                 largest=exact[:, 9].copy(),
                 invalid=exact[:, 10].astype(np.int64),
@@ -178,6 +188,8 @@ def read_estimate(path: Path) -> Estimate:
                 seed=int(get("seed")),
             ),
             seconds=float(get("seconds")),
+            notes={key: json.loads(get("health"))[key] for key in ("warnings", "cannot_see")},
+            planned=exact[:, 13].astype(np.int64) if exact[:, 13].any() else None,
             ranges=tuple((int(s), int(n)) for s, n in json.loads(get("ranges"))),
         )
     finally:

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from renderer.backend import using, variant_for
 from renderer.scene import rewrite
 from renderer.scene.limits import SceneLimits
-from renderer.scene.requirements import Requirements, measure, refuse_unsupported
+from renderer.scene.requirements import NO_EMITTERS, Requirements, measure, refuse_unsupported
+from renderer.scene.rewrite import passes
+from renderer.scene.rewrite.similarity import Similarity
 from renderer.scene.source import Parsed, instantiate, load_part, parse
 from renderer.settings import UNLIMITED_DEPTH, Settings
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from renderer.equation.path import PathKernel
 
 # Sensors whose rays depend on the film's aspect ratio alone.
@@ -22,7 +29,11 @@ _SHAPE_ONLY_SENSORS = ("perspective", "thinlens", "orthographic")
 
 @dataclass
 class Scene:
-    """A scene ready to render. width, height: of the image. digest: identity of its contents, in hexadecimal."""
+    """A scene ready to render. width, height: of the image. digest: identity of its contents, in hexadecimal.
+
+    variant: of Mitsuba, that `mitsuba_scene` and `sensor` belong to; use them inside `backend.using(variant)`.
+    similarity: from the scene as it was written to the one that is rendered. rewrites: those that were done.
+    """
 
     source: str | Path | dict[str, Any]
     name: str
@@ -32,6 +43,9 @@ class Scene:
     requirements: Requirements
     mitsuba_scene: Any
     sensor: Any
+    variant: str
+    similarity: Similarity
+    rewrites: tuple[str, ...]
     _parsed: Parsed = field(repr=False)
     _kernels: dict[Any, PathKernel] = field(default_factory=dict, repr=False)
 
@@ -39,6 +53,11 @@ class Scene:
     def warnings(self) -> tuple[str, ...]:
         """What is legal but odd about the scene."""
         return self.requirements.warnings
+
+    @property
+    def colour(self) -> str:
+        """How radiance depends on wavelength: mono, rgb or spectral."""
+        return self.variant.rsplit("_", 1)[1]
 
     @property
     def film(self) -> list[int]:
@@ -55,13 +74,17 @@ class Scene:
             height=self.height,
             max_depth=UNLIMITED_DEPTH if depth < 0 else depth,
             replicate_size=replicate_size,
+            colour=self.colour,
         )
 
     def sized(self, settings: Settings) -> Scene:
-        """This scene at the size that the settings ask for, sharing all but the sensor."""
+        """This scene at the size that the settings ask for, sharing all but the sensor; another colour loads again."""
+        if settings.colour not in ("auto", self.colour):
+            return load_scene(self.source, settings=settings, rewrites=self.rewrites)
         if settings.width in (None, self.width) and settings.height in (None, self.height):
             return self
-        sensor, width, height = _make_sensor(self._parsed, self.mitsuba_scene, settings.width, settings.height)
+        with using(self.variant):
+            sensor, width, height = _make_sensor(self._parsed, self.mitsuba_scene, settings.width, settings.height)
         return replace(self, sensor=sensor, width=width, height=height, _kernels={})
 
     def kernel(self, settings: Settings) -> PathKernel:
@@ -77,10 +100,26 @@ class Scene:
             has_sampleable_emitters=bool(needs.emitters),
             hide_emitters=needs.hide_emitters,
             has_lens=self.sensor.needs_aperture_sample(),
+            splits_lobes="blendbsdf" in needs.bsdfs and needs.has_delta,
         )
         if model not in self._kernels:
-            self._kernels[model] = PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)
+            with using(self.variant):
+                self._kernels[model] = PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)
         return self._kernels[model]
+
+    def channels(self, settings: Settings, names: tuple[str, ...]) -> dict[str, NDArray[np.float32]]:
+        """What lies behind each pixel, by name: see `renderer.equation.channels`. settings: resolved ones."""
+        from renderer.equation.channels import render_channels
+
+        return render_channels(self.kernel(settings), names, self.width, self.height, settings.seed)
+
+    def cannot_see(self, settings: Settings) -> tuple[str, ...]:
+        """What the technique of resolved settings cannot find: "point light 'lamp'"."""
+        from renderer.equation.reach import cannot_see
+
+        depth = settings.max_depth if settings.max_depth is not None else UNLIMITED_DEPTH
+        with using(self.variant):
+            return cannot_see(settings.technique, self.mitsuba_scene, depth)
 
     def _camera(self) -> Any:
         """The sensor as the kernel uses it: on the smallest film of the same shape.
@@ -96,25 +135,40 @@ class Scene:
 
 
 def load_scene(
-    source: str | Path | dict[str, Any], *, settings: Settings | None = None, limits: SceneLimits | None = None
+    source: str | Path | dict[str, Any],
+    *,
+    settings: Settings | None = None,
+    limits: SceneLimits | None = None,
+    rewrites: Collection[str] = passes.ALL,
 ) -> Scene:
     """Loads an .xml, .zip or .json file, a Mitsuba dictionary or a gallery name.
 
-    settings: only width and height matter here. limits: `UNTRUSTED` for what strangers send. Raises SceneError (or
-    UnsupportedScene) with place and cause.
+    settings: only width, height and colour matter here. limits: `UNTRUSTED` for what strangers send. rewrites: those
+    to do, to compare with and without. Raises SceneError (or UnsupportedScene) with place and cause.
     """
-    return load_parsed(source, parse(source, limits), settings or Settings())
+    return load_parsed(source, parse(source, limits), settings or Settings(), rewrites)
 
 
-def load_parsed(source: str | Path | dict[str, Any], parsed: Parsed, asked: Settings) -> Scene:
+def load_parsed(
+    source: str | Path | dict[str, Any], parsed: Parsed, asked: Settings, rewrites: Collection[str] = passes.ALL
+) -> Scene:
     """Loads what was parsed from a source. Raises as `load_scene` does."""
-    requirements = measure(parsed)
-    refuse_unsupported(requirements)
-    rewrite.neutralise_integrators(parsed.state)
-    rewrite.sensor_dict(parsed.state, asked.width, asked.height)  # refuses bad sizes before anything is loaded
-    made = instantiate(parsed)
-    sensor, width, height = _make_sensor(parsed, made, asked.width, asked.height)
-    return Scene(source, parsed.name, parsed.digest, width, height, requirements, made, sensor, parsed)
+    passes.check_names(rewrites)
+    needs = measure(parsed)
+    refuse_unsupported(needs)
+    changed, similarity, notes = passes.before_loading(parsed, needs, rewrites)
+    rewrite.sensor_dict(changed.state, asked.width, asked.height)  # refuses bad sizes before anything is loaded
+    variant = variant_for(asked.colour, needs.is_coloured)
+    with using(variant):
+        made = instantiate(changed)
+        notes += passes.after_loading(made, rewrites, parsed.name)
+        sensor, width, height = _make_sensor(changed, made, asked.width, asked.height)
+    needs = replace(needs, notes=notes)
+    if needs.emitters and not made.emitters():
+        needs = replace(needs, warnings=(*needs.warnings, NO_EMITTERS))
+    digest = passes.digest_with(parsed.digest, rewrites)
+    placing = (similarity, tuple(rewrites))
+    return Scene(source, parsed.name, digest, width, height, needs, made, sensor, variant, *placing, changed)
 
 
 def _make_sensor(parsed: Parsed, scene: Any, width: int | None, height: int | None) -> tuple[Any, int, int]:
@@ -123,4 +177,6 @@ def _make_sensor(parsed: Parsed, scene: Any, width: int | None, height: int | No
     sensor = load_part(parsed, description)
     sensor.set_scene(scene)
     size = sensor.film().crop_size()
-    return sensor, int(size[0]), int(size[1])
+    width, height = int(size[0]), int(size[1])
+    rewrite.check_memory(width, height)
+    return sensor, width, height

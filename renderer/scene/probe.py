@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from renderer.backend import mitsuba
+from renderer.backend import mitsuba, using
 
 if TYPE_CHECKING:
     from renderer.scene.compile import Scene
@@ -28,8 +28,9 @@ def closed_room_warning(scene: Scene) -> str | None:
     z, phi = 1 - 2 * i / _DIRECTIONS, i * np.pi * (3 - np.sqrt(5))  # a Fibonacci lattice
     r = np.sqrt(1 - z * z)
     d = np.stack([r * np.cos(phi), r * np.sin(phi), z]).astype(np.float32)
-    ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(d))
-    if not np.array(scene.mitsuba_scene.ray_test(ray)).all():
+    with using(scene.variant):
+        is_blocked = scene.mitsuba_scene.ray_test(mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(d)))
+    if not np.array(is_blocked).all():
         return None
     return (
         "closed room with light outside: all light comes from far away, and the camera sees no opening; "

@@ -23,6 +23,7 @@ from renderer.scene.vet.nodes import properties
 POLARISED = frozenset({"polarizer", "retarder", "circular", "measured_polarized", "stokes"})
 DEFAULT_RR_DEPTH = 5
 UNLIMITED = -1
+NO_EMITTERS = "no emitters: the image will be black"
 _MESHES = {"rectangle": 2, "cube": 12}  # triangles of shapes that Mitsuba makes itself
 
 
@@ -156,5 +157,5 @@ def _unsupported(node: Any, plugin: str) -> str | None:
 def _warnings(parsed: Parsed, shapes: list[Placed], found: features.Features) -> tuple[str, ...]:
     mi = mitsuba()
     if not any(node.type == mi.ObjectType.Emitter for node in parsed.state.nodes):
-        return ("no emitters: the image will be black", *numerical_warnings(parsed, shapes))
+        return (NO_EMITTERS, *numerical_warnings(parsed, shapes))
     return numerical_warnings(parsed, shapes)

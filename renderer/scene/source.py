@@ -140,12 +140,8 @@ def _open_bundle(path: Path, config: Any, limits: SceneLimits) -> _Opened:
 def instantiate(parsed: Parsed) -> Any:
     """The Mitsuba scene of a parsed one (merges meshes and equal materials, as Mitsuba does)."""
     mi = mitsuba()
-    config = mi.parser.ParserConfig(mi.variant())
     state = mi.parser.ParserState(parsed.state)  # the passes change it; the parsed form is kept as it was read
-    with _file_resolver(parsed.folders):
-        guarded(lambda: mi.parser.transform_all(config, state), parsed.name, parsed.folders)
-        made = guarded(lambda: mi.parser.instantiate(config, state), parsed.name, parsed.folders)
-    scene = made[0] if isinstance(made, (list, tuple)) else made
+    scene = _instantiate(parsed, state)
     if not isinstance(scene, mi.Scene):
         raise SceneError(f"{parsed.name}: the outermost element is no scene but {type(scene).__name__}")
     return scene
@@ -153,8 +149,20 @@ def instantiate(parsed: Parsed) -> Any:
 
 def load_part(parsed: Parsed, description: dict[str, Any]) -> Any:
     """A Mitsuba object that belongs to a parsed scene, from its dictionary."""
+    mi = mitsuba()
     with _file_resolver(parsed.folders):
-        return guarded(lambda: mitsuba().load_dict(description), parsed.name, parsed.folders)
+        config = mi.parser.ParserConfig(mi.variant())
+        state = guarded(lambda: mi.parser.parse_dict(config, description), parsed.name, parsed.folders)
+    return _instantiate(parsed, state)
+
+
+def _instantiate(parsed: Parsed, state: Any) -> Any:
+    mi = mitsuba()
+    config = mi.parser.ParserConfig(mi.variant())
+    with _file_resolver(parsed.folders):
+        guarded(lambda: mi.parser.transform_all(config, state), parsed.name, parsed.folders)
+        made = guarded(lambda: mi.parser.instantiate(config, state), parsed.name, parsed.folders)
+    return made[0] if isinstance(made, (list, tuple)) else made
 
 
 def guarded(call: Callable[[], Any], what: str, folders: tuple[str, ...]) -> Any:

@@ -234,6 +234,8 @@ def _progress(run: _Run) -> Progress:
         share_within=_finite(snapshot.share_within),
         share_trusted=_finite(snapshot.share_trusted),
         invalid=int(snapshot.invalid),
+        error_upper=_finite(snapshot.upper),
+        health=snapshot.health.as_dict(),
     )
 
 

@@ -34,6 +34,8 @@ class Progress:
     share_within: float | None = None
     share_trusted: float | None = None
     invalid: int = 0
+    error_upper: float | None = None
+    health: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,6 +54,7 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
     plain = effort.samplers[0]
     ours_at_equal_time = statistics.median(errors["fredholm"])
     at_equal_time = {s: statistics.median(errors[s]) for s in peers}
+    turns = [a / b for a, b in zip(errors[plain], errors["fredholm"], strict=True)]
     best = min(at_equal_time, key=at_equal_time.__getitem__)
     return {
         "scene": name,
@@ -69,6 +70,7 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
         "path_rel_mse": {s: v / effort.seconds for s, v in at_equal_time.items()},
         "path_sampler_rates": {s: statistics.median(rates[s]) for s in peers},
         "error_ratio": at_equal_time[plain] / ours_at_equal_time,
+        "error_ratio_range": [min(turns), max(turns)],
         "error_ratio_to_best": at_equal_time[best] / ours_at_equal_time,
         "best_sampler": best,
         "reference_share": reference.own_rel_mse * effort.seconds / max(ours_at_equal_time, 1e-30),

@@ -30,7 +30,7 @@ def test_a_job_is_queued_shows_frames_and_succeeds(server: Server, client: httpx
     job = answer.json()
     assert answer.headers["Location"] == f"/api/jobs/{job['id']}"
     assert (job["state"], job["frame_seq"], job["scene"]["gallery"]) == ("queued", 0, "cornell-box")
-    assert job["target"] == {"error": None, "seconds": None, "spp": 256}
+    assert {key: value for key, value in job["target"].items() if value is not None} == {"spp": 256}
 
     seen: list[int] = []
 
@@ -94,7 +94,7 @@ def test_a_pixel_is_read_with_its_error_bars(client: httpx.Client, finished: dic
     assert pixel["standard_error"][3] == pytest.approx(planes[40, 20, 3], rel=1e-3)
     low, high = pixel["interval"]
     assert low < pixel["luminance"] < high
-    assert pixel["samples"] == 128
+    assert pixel["samples"] == pixel["replicates"] * 16 >= 64  # adaptive: not every pixel has the mean of 128
     assert (high - low) / 2 > 1.96 * pixel["standard_error"][3]  # Student t, not normal
 
 

@@ -17,13 +17,18 @@ from scipy.stats import norm
 
 SHARED = Path(__file__).parents[3] / "shared"
 SUITE_ALPHA = 0.01
-TESTS_IN_SUITE = 100  # generously counted
+TESTS_IN_SUITE = 400  # generously counted
 
 
 def z_limit(comparisons: int = 1) -> float:
     """|z| beyond which one of `comparisons` in one test of the suite is a failure."""
     alpha = 1 - (1 - SUITE_ALPHA) ** (1 / (TESTS_IN_SUITE * comparisons))
     return float(norm.isf(alpha / 2))
+
+
+def p_limit() -> float:
+    """p-value below which one test of the suite is a failure."""
+    return 1 - (1 - SUITE_ALPHA) ** (1 / TESTS_IN_SUITE)
 
 
 @pytest.fixture(scope="session")

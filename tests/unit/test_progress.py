@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderer.errors import CheckpointError
+from renderer import plan
+from renderer.errors import CheckpointError, SettingsError
 from renderer.estimate.estimate import Estimate, merge
 from renderer.estimate.moments import Moments
 from renderer.progress import Snapshot, progressive, render
@@ -19,7 +21,8 @@ from renderer.settings import Settings, Target
 
 WIDTH, HEIGHT, SIZE = 24, 16, 4
 N = WIDTH * HEIGHT
-SETTINGS = Settings(replicate_size=SIZE, seed=3)
+SETTINGS = Settings(replicate_size=SIZE, seed=3, adaptive=False)
+ADAPTIVE = Settings(replicate_size=SIZE, seed=3)
 
 
 class NoisyKernel:
@@ -66,7 +69,11 @@ def scene() -> Scene:
 
 
 def snapshots(scene: Scene, target: Target, **more: Any) -> list[Snapshot]:
-    return list(progressive(scene, target, SETTINGS, **more))
+    return snapshots_of(scene, target, SETTINGS, **more)
+
+
+def snapshots_of(scene: Scene, target: Target, settings: Settings, **more: Any) -> list[Snapshot]:
+    return list(progressive(scene, target, settings, **more))
 
 
 def assert_same_bits(a: Estimate, b: Estimate) -> None:
@@ -86,7 +93,8 @@ def test_an_error_target_stops_at_the_first_checkpoint_below_it(scene: Scene, ke
     last = snapshots(scene, Target(error=0.2))[-1]
     assert last.stopped_by == "error"
     assert last.error is not None
-    assert 0.15 < last.error <= 0.2
+    assert last.upper is not None
+    assert 0.12 < last.error < last.upper <= 0.2
 
 
 def test_the_first_limit_reached_wins(scene: Scene, kernel: NoisyKernel) -> None:
@@ -130,6 +138,65 @@ def test_an_interrupted_render_that_is_resumed_equals_one_that_was_not(scene: Sc
     assert held.mean.tobytes() == part.estimate.moments.mean.tobytes()
 
 
+@pytest.mark.parametrize("passes", [1, 3, 6, 9, 14])
+def test_an_adaptive_render_stopped_after_any_pass_goes_on_with_the_same_bits(
+    scene: Scene, kernel: NoisyKernel, monkeypatch: pytest.MonkeyPatch, passes: int
+) -> None:
+    target = Target(spp=120)
+    straight = render(scene, target, ADAPTIVE)
+    assert straight.samples == 120 * N
+    assert straight.count.min() < straight.count.max()
+    monkeypatch.setattr(
+        plan, "pass_samples_for", lambda speed: 600
+    )  # several passes a round: most stops are inside one
+    asked = iter(range(1000))
+    part = snapshots_of(scene, target, ADAPTIVE, should_stop=lambda: next(asked) >= passes)[-1].estimate
+    assert part.samples < straight.samples
+    resumed = render(scene, target, ADAPTIVE, start=part)
+    assert_same_bits(resumed, straight)
+
+
+def test_the_round_in_progress_survives_the_file(scene: Scene, kernel: NoisyKernel, tmp_path: Path) -> None:
+    straight = render(scene, Target(spp=100), ADAPTIVE)
+    part = render(scene, Target(spp=59), ADAPTIVE)
+    assert part.planned is not None
+    part.write(tmp_path / "part.exr")
+    read = Estimate.read(tmp_path / "part.exr")
+    assert read.planned is not None
+    assert read.planned.tobytes() == part.planned.tobytes()
+    assert_same_bits(render(scene, Target(spp=100), ADAPTIVE, start=read), straight)
+
+
+def test_adaptive_lanes_are_each_pixels_next_replicates(scene: Scene, kernel: NoisyKernel) -> None:
+    estimate = render(scene, Target(spp=200), ADAPTIVE)
+    assert len(set(kernel.lanes)) == len(kernel.lanes) == 50 * N
+    for pixel, count in enumerate(estimate.count.ravel()):
+        assert sorted(r for p, r in kernel.lanes if p == pixel) == list(range(count))
+
+
+def test_a_region_decides_where_the_error_counts_and_where_lanes_go(scene: Scene, kernel: NoisyKernel) -> None:
+    kernel.invalid_where = None
+    last = snapshots_of(scene, Target(error=0.12, region=[0, 0, 8, 16]), ADAPTIVE)[-1]
+    assert last.stopped_by == "error"
+    inside, outside = last.estimate.count[:, :8], last.estimate.count[:, 8:]
+    assert inside.mean() > 1.5 * outside.mean()
+    with pytest.raises(SettingsError, match="reaches outside the image of 24×16"):
+        snapshots_of(scene, Target(error=0.1, region=[20, 0, 8, 8]), ADAPTIVE)
+
+
+def test_a_share_of_pixels_stops_later_the_larger_it_is(scene: Scene, kernel: NoisyKernel) -> None:
+    few, many = (snapshots_of(scene, Target(error=0.2, share=s), SETTINGS)[-1] for s in (0.5, 0.95))
+    assert few.stopped_by == many.stopped_by == "error"
+    assert few.samples < many.samples
+    assert few.share_within is not None
+    assert few.share_within >= 0.5
+
+
+def test_more_confidence_costs_more_samples(scene: Scene, kernel: NoisyKernel) -> None:
+    bold, sure = (snapshots_of(scene, Target(error=0.15, confidence=c), SETTINGS)[-1] for c in (0.5, 0.9999))
+    assert bold.samples < sure.samples
+
+
 def test_a_target_that_the_start_has_reached_renders_nothing(scene: Scene, kernel: NoisyKernel) -> None:
     start = render(scene, Target(spp=16), SETTINGS)
     before = len(kernel.lanes)
@@ -140,7 +207,7 @@ def test_a_target_that_the_start_has_reached_renders_nothing(scene: Scene, kerne
 @pytest.mark.parametrize(
     ("settings", "named"),
     [
-        (Settings(replicate_size=SIZE, seed=4), "seed 3, asked is 4"),
+        (Settings(replicate_size=SIZE, seed=4, adaptive=False), "seed 3, asked is 4"),
         (Settings(replicate_size=8, seed=3), "replicate_size = 4, asked is 8"),
         (Settings(replicate_size=SIZE, seed=3, max_depth=2), "max_depth = 4, asked is 2"),
         (Settings(replicate_size=SIZE, seed=3, technique="bsdf"), "technique = mis, asked is bsdf"),

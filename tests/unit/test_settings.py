@@ -36,12 +36,14 @@ def test_a_bad_setting_is_refused_by_name_value_and_range(field: str, value: Any
     [
         *(("error", bad, "1e-06 to 10") for bad in (0, 0.0, -0.1, 1e-7, 10.5, math.nan, math.inf, "2%", True)),
         *(("seconds", bad, "0.001 to 1e+08") for bad in (0, -1.0, 1e9, math.nan, -math.inf, "30s", False)),
+        *(("confidence", bad, "0.5 to 0.9999") for bad in (0, 0.4, 1, 1.5, math.nan, "95%", True)),
+        *(("share", bad, "0.01 to 0.9999") for bad in (0, 1, -0.5, "all", True)),
         *(("spp", bad, f"1 to {2**31}") for bad in (0, -1, 2**31 + 1, 16.0, math.nan, "16", True)),
     ],
 )
 def test_a_bad_target_is_refused_by_name_value_and_range(field: str, value: Any, value_range: str) -> None:
     with pytest.raises(SettingsError) as refusal:
-        Target(**{field: value})
+        Target(**({"error": 0.1} if field in ("confidence", "share") else {}), **{field: value})
     message = str(refusal.value)
     assert message.startswith(f"{field} is {value!r};")
     assert value_range in message
@@ -75,10 +77,33 @@ def test_good_settings_are_kept_as_given(values: dict[str, Any]) -> None:
     assert Settings(**settings.as_dict()) == settings
 
 
-@pytest.mark.parametrize("values", [{"error": 1e-6}, {"error": 10}, {"seconds": 1e-3}, {"spp": 2**31, "error": 0.5}])
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"error": 1e-6},
+        {"error": 10},
+        {"seconds": 1e-3},
+        {"spp": 2**31, "error": 0.5},
+        {"error": 0.1, "confidence": 0.99, "share": 0.9, "region": [1, 2, 3, 4]},
+    ],
+)
 def test_good_targets_are_kept_as_given(values: dict[str, Any]) -> None:
-    target = Target(**values)
-    assert target.as_dict() == {"error": None, "seconds": None, "spp": None} | values
+    nothing = {"error": None, "seconds": None, "spp": None, "confidence": None, "share": None, "region": None}
+    confidence = {"confidence": 0.95} if "error" in values else {}
+    assert Target(**values).as_dict() == nothing | confidence | values
+    assert Target(**Target(**values).as_dict()) == Target(**values)
+
+
+@pytest.mark.parametrize(("field", "value"), [("confidence", 0.9), ("share", 0.5), ("region", [0, 0, 4, 4])])
+def test_what_is_said_about_an_error_needs_an_error(field: str, value: Any) -> None:
+    with pytest.raises(SettingsError, match=f"{field} is given without an error"):
+        Target(spp=16, **{field: value})
+
+
+@pytest.mark.parametrize("bad", [0, "yes", None])
+def test_adaptive_is_true_or_false(bad: Any) -> None:
+    with pytest.raises(SettingsError, match="adaptive is"):
+        Settings(adaptive=bad)
 
 
 def test_settings_and_targets_do_not_change() -> None:

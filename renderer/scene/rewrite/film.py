@@ -13,6 +13,7 @@ from renderer.errors import SettingsError
 from renderer.scene.vet.nodes import properties
 from renderer.settings import MAX_SIDE
 
+PIXEL_BYTES = 250  # of moments, a snapshot's copy of them, and the arrays of a pass
 _CROP = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
 _DEFAULT_FILM = {"width": 768, "height": 576}  # Mitsuba's own defaults
 
@@ -73,6 +74,27 @@ def check_size(width: int, height: int) -> None:
     """Refuses image sizes outside 1 … 16384."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
         raise SettingsError(f"image size is {width}×{height}; each side must be from 1 to {MAX_SIDE}")
+
+
+def check_memory(width: int, height: int, available_bytes: int | None = None) -> None:
+    """Refuses images whose moments and snapshots this machine cannot hold. Samples need none: memory does not grow."""
+    needed = width * height * PIXEL_BYTES
+    available = available_memory() if available_bytes is None else available_bytes
+    if needed > available:
+        raise SettingsError(
+            f"image size is {width}×{height}, which needs {needed / 2**30:.1f} GiB of memory, and "
+            f"{available / 2**30:.1f} GiB are free; ask for at most {int(available // PIXEL_BYTES)} pixels"
+        )
+
+
+def available_memory() -> int:
+    """Bytes that this process can still take; without limit where the system does not say."""
+    try:
+        with open("/proc/meminfo") as told:
+            found = next(line for line in told if line.startswith("MemAvailable:"))
+        return int(found.split()[1]) * 1024
+    except (OSError, StopIteration, ValueError):
+        return 1 << 62
 
 
 def neutralise_integrators(state: Any) -> None:

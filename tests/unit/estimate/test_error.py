@@ -28,7 +28,7 @@ def moments_of(values: NDArray[np.float64]) -> Moments:
 
 
 def error_of(moments: Moments) -> float:
-    found = image_error(moments).error
+    found = image_error(moments, len(moments.count)).error
     assert found is not None
     return found
 
@@ -73,9 +73,9 @@ def test_the_estimated_error_is_the_true_one_of_normal_noise() -> None:
 
 
 def test_the_error_is_unknown_without_two_replicates() -> None:
-    assert image_error(Moments.empty(400)).error is None
-    assert image_error(moments_of(noise(400, 1))).error is None
-    assert image_error(Moments.empty(400)).share_trusted == 0
+    assert image_error(Moments.empty(400), 20).error is None
+    assert image_error(moments_of(noise(400, 1)), 20).error is None
+    assert image_error(Moments.empty(400), 20).share_trusted == 0
 
 
 def test_the_error_is_said_once_a_small_grid_has_two_replicates() -> None:
@@ -86,10 +86,10 @@ def test_the_error_is_said_once_a_small_grid_has_two_replicates() -> None:
     values = 1 + 0.1 * np.random.default_rng(0).standard_normal((2, n, 3))
     for replicate in values:
         early.add(grid[:-1], replicate[grid[:-1]], none[:-1], 1)
-    assert image_error(early).error is None
+    assert image_error(early, 32).error is None
     for replicate in values:
         early.add(grid[-1:], replicate[grid[-1:]], none[-1:], 1)
-    assert image_error(early).error is not None
+    assert image_error(early, 32).error is not None
 
 
 def test_a_pixel_without_a_variance_is_taken_to_vary_like_the_others_per_replicate() -> None:
@@ -106,15 +106,15 @@ def test_a_pixel_without_a_variance_is_taken_to_vary_like_the_others_per_replica
 def test_the_share_within_the_target_counts_pixels() -> None:
     values = noise(400, 6)
     moments = moments_of(values)
-    within = image_error(moments, 0.3).share_within
+    within = image_error(moments, 20, 0.3).share_within
     assert within == pytest.approx(float((np.sqrt(pixel_rel_mse(moments)) <= 0.3).mean()))
     assert within is not None
     assert 0 < within < 1
-    assert image_error(moments).share_within is None
+    assert image_error(moments, len(moments.count)).share_within is None
 
 
 def test_an_image_that_does_not_vary_has_no_error() -> None:
-    assert image_error(moments_of(np.full((4, 300, 3), 0.7))).error == 0
+    assert image_error(moments_of(np.full((4, 300, 3), 0.7)), 20).error == 0
 
 
 def test_equal_images_have_no_rel_mse() -> None:

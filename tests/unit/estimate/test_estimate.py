@@ -72,7 +72,7 @@ def test_a_pixel_reads_what_the_arrays_hold() -> None:
     reading = e.pixel(4, 1)
     assert reading.value == tuple(e.mean[1, 4])
     assert reading.standard_error == tuple(e.stderr[1, 4])
-    assert (reading.samples, reading.replicates, reading.trusted) == (36, 9, True)
+    assert (reading.samples, reading.replicates, reading.trusted) == (36, 9, False)
     assert reading.interval is not None
     low, high = reading.interval
     assert low < reading.luminance < high

@@ -39,12 +39,12 @@ def test_a_target_that_is_met_is_no_time_away() -> None:
 
 def test_a_restless_curve_has_the_wider_interval() -> None:
     calm = ideal(12)
-    restless = [CurvePoint(p.seconds, p.spp, p.error * (1.2 if i % 2 else 0.8)) for i, p in enumerate(calm)]
+    restless = [CurvePoint(p.seconds, p.spp, p.error * (1.05 if i % 2 else 0.95)) for i, p in enumerate(calm)]
     target = calm[-1].error / 4
     a, b = forecast(calm, target), forecast(restless, target)
     assert a is not None
     assert b is not None
-    assert b.high - b.low > 2 * (a.high - a.low)
+    assert b.high - b.low > 1.5 * (a.high - a.low)
 
 
 def test_the_beginning_of_the_curve_is_forgotten() -> None:
@@ -57,3 +57,18 @@ def test_points_without_an_error_are_passed_over() -> None:
     flat = [CurvePoint(float(t), float(t), 0.0) for t in range(1, 9)]
     assert forecast(flat, 0.02) is None
     assert forecast([*flat[:4], *ideal(4)], 0.02) is not None
+
+
+def test_a_curve_whose_constant_still_drifts_is_not_forecast() -> None:
+    settled = ideal(12)
+    drifting = [CurvePoint(p.seconds, p.spp, p.error * 1.1**i) for i, p in enumerate(settled)]
+    assert forecast(settled, 0.01) is not None
+    assert forecast(drifting, 0.01) is None
+
+
+def test_the_forecast_is_of_the_bound_that_stops_the_render() -> None:
+    curve = [CurvePoint(p.seconds, p.spp, p.error, 1.5 * p.error) for p in ideal(12)]
+    target = curve[-1].error / 3
+    found = forecast(curve, target)
+    assert found is not None
+    assert found.seconds_left == pytest.approx((9 * 2.25 - 1) * curve[-1].seconds, rel=1e-9)

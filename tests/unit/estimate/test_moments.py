@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.stats import skew
 
 from renderer.estimate.moments import LUMINANCE, Moments
 
@@ -50,6 +51,8 @@ def assert_close(a: Moments, b: Moments) -> None:
     scale = np.sqrt(squares / np.maximum(a.count, 1)[:, None])
     assert (np.abs(a.mean - b.mean) <= 1e-12 * scale).all()
     assert (np.abs(a.m2 - b.m2) <= 1e-12 * squares.sum(axis=1, keepdims=True)).all()
+    cubes = squares.sum(axis=1) * scale.sum(axis=1) * np.sqrt(np.maximum(a.count, 1))
+    assert (np.abs(a.m3 - b.m3) <= 1e-11 * cubes).all()
 
 
 @LAWS
@@ -71,6 +74,14 @@ def test_the_variance_of_luminance_is_that_of_the_luminance_series(seed: int, n:
     moments = accumulate(values)
     np.testing.assert_allclose(moments.variance()[:, 3], luminance.var(axis=0, ddof=1), rtol=1e-10)
     np.testing.assert_allclose(moments.luminance(), luminance.mean(axis=0), rtol=1e-12)
+
+
+@LAWS
+@given(seed=seeds, n=st.integers(2, 40), magnitude=magnitudes)
+def test_skewness_is_that_of_the_luminance_series(seed: int, n: int, magnitude: int) -> None:
+    values = series(seed, n, magnitude=magnitude)
+    luminance = values.astype(np.float64) @ LUMINANCE
+    np.testing.assert_allclose(accumulate(values).skewness(), np.nan_to_num(skew(luminance, axis=0)), atol=1e-9)
 
 
 def test_luminance_has_less_variance_than_its_channels_say_where_they_cancel() -> None:
@@ -178,7 +189,7 @@ def test_a_replicate_without_a_finite_sample_is_not_counted(pixels: slice | NDAr
     moments.add(pixels, replicate, np.array([REPLICATE_SIZE, 1, REPLICATE_SIZE], np.uint32), REPLICATE_SIZE)
     assert moments.count.tolist() == [2, 3, 2]
     assert moments.invalid.tolist() == [REPLICATE_SIZE, 1, REPLICATE_SIZE]
-    for name in ("mean", "m2", "nonzero", "largest"):
+    for name in ("mean", "m2", "m3", "nonzero", "largest"):
         np.testing.assert_array_equal(getattr(moments, name)[[0, 2]], getattr(before, name)[[0, 2]])
 
 
@@ -193,7 +204,7 @@ def test_a_constant_series_has_no_variance_at_all(value: float) -> None:
 
 def test_many_replicates_of_a_constant_keep_its_mean() -> None:
     # In float32 the sum of 1e7 times 0.7 is 9 % off.
-    half = Moments(*(np.array(a) for a in ([0], [[0.0] * 3], [[0.0] * 4], [0], [0.0], [0], [0])))
+    half = Moments.empty(1)
     half.add(slice(None), np.full((1, 3), 0.7, np.float32), np.zeros(1, np.uint32), 1)
     for _ in range(27):  # 2^27 > 1e8
         half = half.merge(half)

@@ -1,0 +1,106 @@
+"""How many replicates each pixel shall have next: more where they lower the image error most. Pure, NumPy only.
+
+Enters: the moments at the end of a round. Leaves: for every pixel the number of replicates at the end of the next one.
+
+The image error is Σ v/(n·d) with v the variance of a replicate and d = mean² + floor; for a given Σ n it is least where
+n ∝ √(v/d). A pixel's own values must not decide how often it is sampled: one that found its light early would be
+sampled on and diluted, one that did not would be left dark, and the mean would be biased. So v/d comes from the pixel's
+neighbours alone; given their values its count is a constant, and its mean unbiased. A floor keeps every pixel going, so
+that light which nobody has found yet is still looked for; a limit on growth bounds what one odd value can do.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderer.estimate.error import floor_of
+from renderer.estimate.interval import MIN_REPLICATES
+from renderer.estimate.moments import Moments
+from renderer.estimate.neighbours import box_sum, doubled, event_rate, halved
+
+GROWTH = 1.15  # of all replicates, per round
+MAX_GROWTH = 2.0  # of one pixel's replicates, per round
+FLOOR_SHARE = 0.2  # of the replicates that go to all pixels alike
+EARLY_SHARE = 0.75  # of the mean count that every pixel has at least, until its interval can be trusted
+WINDOW = 3
+EVENTS = 10.0  # expected rare bright values after which a neighbourhood is taken at its own word
+IMAGE_EVENTS = 50.0  # the same for the whole image: fewer say nothing about where they are to be expected
+GOLDEN = 0.6180339887498949
+
+
+def next_counts(moments: Moments, width: int, height: int, focus: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+    """(n,) replicates of each pixel at the end of the next round; in all, GROWTH times what there is.
+
+    focus: (n,) pixels whose error counts; the others get the floor alone.
+    """
+    wanting, certainty = _wanting(moments, width, height)
+    weight = np.sqrt(wanting)
+    if focus is not None:
+        weight, certainty = np.where(focus, weight, 0.0), 1.0
+    n, tried = len(weight), moments.tried.astype(np.float64)
+    share, total = np.full(n, 1.0 / n), float(weight.sum())
+    if np.isfinite(total) and total > 0:
+        led = (1 - FLOOR_SHARE) * certainty
+        share = (1 - led) / n + led * weight / total
+    mean = GROWTH * float(tried.mean())
+    least = min(MIN_REPLICATES, EARLY_SHARE * mean)
+    more = _poured(share, tried, least, max(1.0, (mean - float(tried.mean())) * n))
+    # Fractions are rounded up or down by a fixed pattern that differs from round to round.
+    pattern = (np.arange(n) * GOLDEN + float(tried.sum()) * (GOLDEN / 7)) % 1.0
+    whole = np.floor(more + pattern).astype(np.int64)
+    if not whole.any():
+        whole[int(np.argmax(more))] = 1
+    return moments.tried + whole
+
+
+def _wanting(moments: Moments, width: int, height: int) -> tuple[NDArray[np.float64], float]:
+    """(n,) relative variance of one replicate, from the neighbours of each pixel and without itself; and how far
+    (0 … 1) the image tells where its variance is.
+
+    Where the tail is heavy, a quiet neighbourhood may just not have had its share of rare bright values yet. How many
+    of those it ought to have had, were it like its wider surroundings, says how far it is taken at its own word.
+    """
+    shape = (height, width)
+    measured = moments.count >= 2
+    variance = moments.m2[:, :3] / np.maximum(moments.count - 1, 1)[:, None]
+    own = np.where(measured, np.mean(variance / (moments.mean**2 + floor_of(moments.mean)), axis=1), 0.0)
+    third = np.abs(moments.skewness()) * own**1.5
+    sums = tuple(a.reshape(shape).astype(np.float64) for a in (own, third, measured, moments.count))
+
+    levels = [tuple(np.maximum(box_sum(a, WINDOW) - a, 0.0) for a in sums)]
+    while max(sums[0].shape) > WINDOW:
+        sums = tuple(halved(a) for a in sums)
+        levels.append(tuple(box_sum(a, WINDOW) for a in sums))
+    whole = tuple(np.full((1, 1), a.sum()) for a in sums)
+
+    wanting = whole[0] / np.maximum(whole[2], 1.0)
+    events = event_rate(*whole[:3])
+    seen = float(events[0, 0] * whole[3][0, 0])
+    certainty = seen / (seen + IMAGE_EVENTS) if np.isfinite(seen) else 1.0
+    for total, cubed, among, replicates in reversed(levels):
+        wanting, events = doubled(wanting, total.shape), doubled(events, total.shape)
+        expected = np.minimum(replicates * events, 1e12)
+        here = total / np.maximum(among, 1.0)
+        wanting = (expected * here + EVENTS * wanting) / (expected + EVENTS)
+        events = event_rate(total, cubed, among)
+    return wanting.ravel(), certainty
+
+
+def _poured(share: NDArray[np.float64], level: NDArray[np.float64], least: float, budget: float) -> NDArray[np.float64]:
+    """(n,) replicates to add, `budget` in all: up to a common multiple of `share` or to `least`, like water poured over
+    an uneven ground; none taken away, none beyond MAX_GROWTH."""
+    most = np.maximum((MAX_GROWTH - 1) * level, 1.0)
+    if most.sum() <= budget:
+        return most
+
+    def added(multiple: float) -> NDArray[np.float64]:
+        return np.clip(np.maximum(multiple * share, least) - level, 0.0, most)
+
+    low, high = 0.0, (float(level.sum()) + budget) / float(share.sum())
+    while added(high).sum() < budget:
+        high *= 2.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if added(middle).sum() < budget else (low, middle)
+    return added(high)
