@@ -118,6 +118,17 @@ export interface Hello {
   last_event_id: number;
 }
 
+/** What to know before believing a picture. invalid: samples that were not finite; untrusted: share of pixels. */
+export interface ImageHealth {
+  status: "good" | "uncertain" | "degraded";
+  invalid: number;
+  invalid_pixels: number;
+  empty_pixels: number;
+  untrusted: number;
+  cannot_see: string[];
+  warnings: string[];
+}
+
 /** One job. error: relative (0.031 = 3.1 %); seconds: of rendering; frame_seq 0: no frame yet. */
 export interface Job {
   id: string;
@@ -144,6 +155,9 @@ export interface Job {
   share_within: number | null;
   share_trusted: number | null;
   invalid: number;
+  /** what the error is below, with the target's confidence */
+  error_upper?: number | null;
+  health?: ImageHealth | null;
   cause: Cause | null;
   warnings: string[];
 }
@@ -174,6 +188,9 @@ export interface JobDetail {
   share_within: number | null;
   share_trusted: number | null;
   invalid: number;
+  /** what the error is below, with the target's confidence */
+  error_upper?: number | null;
+  health?: ImageHealth | null;
   cause: Cause | null;
   warnings: string[];
   curve: CurvePoint[];
@@ -234,6 +251,9 @@ export interface ProgressMessage {
   share_within: number | null;
   share_trusted: number | null;
   invalid: number;
+  /** what the error is below, with the target's confidence */
+  error_upper?: number | null;
+  health?: ImageHealth | null;
 }
 
 /** Whether jobs start at once. */
@@ -316,6 +336,7 @@ export interface Settings {
   seed: number;
   max_depth: number | null;
   technique: "mis" | "bsdf" | "emitter" | "cosine" | "uniform";
+  adaptive?: boolean;
 }
 
 /** Which estimator; what is left out comes from the scene. */
@@ -326,6 +347,8 @@ export interface SettingsRequest {
   /** -1 = unlimited */
   max_depth?: number | null;
   technique?: "mis" | "bsdf" | "emitter" | "cosine" | "uniform";
+  /** more samples where they lower the error most */
+  adaptive?: boolean;
 }
 
 /** Where a job is. */
@@ -336,6 +359,9 @@ export interface Target {
   error: number | null;
   seconds: number | null;
   spp: number | null;
+  confidence?: number | null;
+  share?: number | null;
+  region?: number[] | null;
 }
 
 /** When to stop; the first limit reached wins. */
@@ -344,6 +370,12 @@ export interface TargetRequest {
   error?: number | null;
   /** of rendering */
   seconds?: number | null;
-  /** samples per pixel */
+  /** samples per pixel, in the mean */
   spp?: number | null;
+  /** how sure to be of the error; 0.95 where one is given */
+  confidence?: number | null;
+  /** of the pixels that must be within the error, each by itself */
+  share?: number | null;
+  /** x, y, width, height: the pixels whose error counts */
+  region?: number[] | null;
 }

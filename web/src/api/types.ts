@@ -14,7 +14,7 @@ export type PixelReading = wire.Pixel;
 export type Region = [number, number, number, number];
 
 /** As asked for or as told: what is left out is null there. */
-export type Target = Omit<wire.TargetRequest, 'region'> & { region?: Region | null };
+export type Target = wire.TargetRequest;
 
 export interface Job extends Omit<wire.Job, 'target'> {
   target: Target;
