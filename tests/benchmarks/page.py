@@ -17,7 +17,6 @@ import itertools
 import json
 import shutil
 import statistics
-import sys
 import tempfile
 import threading
 import time
@@ -26,9 +25,7 @@ from pathlib import Path
 import httpx
 from playwright.sync_api import Browser, Page, sync_playwright
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "browser"))
-from running import CHROMIUM_ARGUMENTS, Service, serve  # noqa: E402
+from tests.browser.running import CHROMIUM_ARGUMENTS, ROOT, Service, serve
 
 LIMITS = {"weight_kb": 120, "first_paint_ms": 500, "first_picture_ms": 1000, "frame_ms": 60, "behind_ms": 500}
 

@@ -9,11 +9,13 @@ import shutil
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 from playwright.sync_api import Error as BrowserError
-from running import CHROMIUM_ARGUMENTS, PAGE, ROOT, Service, serve
+from running import CHROMIUM_ARGUMENTS, PAGE, Service, serve
 
-__all__ = ["ROOT", "Service", "open_job"]
+# A machine with other work to do is slow, not wrong.
+WAIT_MS = 30_000
+expect.set_options(timeout=WAIT_MS)
 
 
 @pytest.fixture(scope="session")
@@ -52,16 +54,10 @@ def page(browser: Browser) -> Iterator[Page]:
     """A fresh page of 1440×900; errors in its scripts fail the test."""
     # Playwright's wait_for_function evaluates text, which the service's policy forbids; test_policy.py keeps to it.
     context = browser.new_context(viewport={"width": 1440, "height": 900}, accept_downloads=True, bypass_csp=True)
-    context.set_default_timeout(20_000)
+    context.set_default_timeout(WAIT_MS)
     opened = context.new_page()
     errors: list[str] = []
     opened.on("pageerror", lambda error: errors.append(str(error)))
     yield opened
     context.close()
     assert not errors
-
-
-def open_job(page: Page, service: Service, address: str) -> None:
-    """Shows a job once its picture is drawn. address: its id, with what follows in a link."""
-    page.goto(f"{service.url}/#/jobs/{address}")
-    page.wait_for_function("Number(document.querySelector('#viewer')?.dataset.frame) > 0")

@@ -12,24 +12,22 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-sys.path.insert(0, str(Path(__file__).parent))
-from running import CHROMIUM_ARGUMENTS, ROOT, serve
+from tests.browser.running import CHROMIUM_ARGUMENTS, ROOT, serve
 
 TARGET = ROOT / "web" / "page.png"
 SECONDS = 30
-SIZE = {"width": 1440, "height": 900}
 
 
 def main(arguments: list[str]) -> None:
     """Render, open, take."""
     target = Path(arguments[0]) if arguments else TARGET
     with tempfile.TemporaryDirectory() as folder, serve(Path(folder)) as service, sync_playwright() as playwright:
-        target_ = {"error": 0.005, "seconds": SECONDS}
-        ids = [service.submit(target_, "plates", technique=name, width=768, height=512) for name in ("mis", "bsdf")]
+        limits = {"error": 0.005, "seconds": SECONDS}
+        ids = [service.submit(limits, "plates", technique=name, width=768, height=512) for name in ("mis", "bsdf")]
         for job_id in ids:
             service.wait_ended(job_id, 6 * SECONDS)
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=CHROMIUM_ARGUMENTS)
-        page = browser.new_page(viewport=SIZE, bypass_csp=True)
+        page = browser.new_page(viewport={"width": 1440, "height": 900}, bypass_csp=True)
         page.goto(f"{service.url}/#/jobs/{ids[0]}?with={ids[1]}")
         page.wait_for_function("Number(document.querySelector('#viewer')?.dataset.frame) > 0")
         page.get_by_text("times less render time").wait_for()

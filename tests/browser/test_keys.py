@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from conftest import Service, open_job
 from playwright.sync_api import Page, expect
+from running import Service
+from screen import open_job
 
 PRESSED = "button[aria-pressed=true]"
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 import pytest
-from conftest import Service
 from playwright.sync_api import Page, expect
+from running import Service
 from test_layout import AXE, axe_findings
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from conftest import Service, open_job
 from playwright.sync_api import Page, Route, expect
-from screen import picture_colours
+from running import Service
+from screen import open_job, picture_colours
 
 SECONDS = 5
 

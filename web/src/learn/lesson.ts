@@ -85,6 +85,7 @@ export interface Row {
   technique: Technique;
   mean: number;
   half: number;
+  standardError: number;
   /** Of one sample; 0 where no light was found. */
   variance: number;
   /** Samples for a standard error of 1 % of the best mean. */
@@ -102,6 +103,7 @@ export function rowsOf(all: AllSteps): Row[] {
       technique,
       mean: last.mean,
       half: half95(last),
+      standardError: standardError(last),
       variance: own,
       forOnePercent: hasFound && best && best.step.mean > 0 ? own / (0.01 * best.step.mean) ** 2 : null,
       timesBest: hasFound && best ? own / variance(best.step) : null,

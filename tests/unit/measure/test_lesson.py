@@ -13,9 +13,8 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @pytest.fixture(scope="module")
 def floor() -> Lesson:
-    """A point on the Cornell box's floor."""
-    scene = renderer.load_scene("cornell-box", settings=renderer.Settings(width=64, height=64))
-    return Lesson(scene, 22, 56)
+    """A point on the Cornell box's floor, in a picture so fine that the pixel shows one point."""
+    return Lesson(renderer.load_scene("cornell-box"), 174, 445)
 
 
 def test_arriving_light_times_f_cos_is_what_the_pixel_shows(floor: Lesson) -> None:
@@ -62,7 +61,7 @@ def test_directions_lie_on_the_map_and_emitter_sampling_sees_the_lamp(floor: Les
 
 def test_a_pixel_outside_the_picture_is_refused(floor: Lesson) -> None:
     with pytest.raises(renderer.errors.SettingsError, match="outside the picture"):
-        Lesson(floor.scene, 64, 0)
+        Lesson(floor.scene, 512, 0)
 
 
 def test_running_moments_end_with_those_of_all_samples() -> None:

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import Service, open_job
 from playwright.sync_api import Page, expect
-from screen import picture_colours
+from running import Service
+from screen import open_job, picture_colours
 
 
 @pytest.fixture(scope="module")
