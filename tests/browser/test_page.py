@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import zipfile
 from pathlib import Path
 
 from playwright.sync_api import Page, Route, expect
@@ -51,6 +52,39 @@ def test_a_render_from_the_dialog_to_the_file(page: Page, service: Service, tmp_
     with page.expect_download() as download:
         page.get_by_role("link", name="EXR").click()
     assert download.value.suggested_filename.endswith(".exr")
+    assert Path(download.value.path()).read_bytes()[:4] == b"\x76\x2f\x31\x01"
+
+
+OWN_SCENE = """<scene version="3.0.0">
+  <sensor type="perspective">
+    <transform name="to_world"><lookat origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="48"/><integer name="height" value="32"/></film>
+  </sensor>
+  <shape type="sphere"><bsdf type="diffuse"/></shape>
+  <shape type="rectangle">
+    <transform name="to_world"><scale value="2"/><lookat origin="0, 4, 2" target="0, 0, 0" up="0, 0, 1"/></transform>
+    <emitter type="area"><rgb name="radiance" value="5"/></emitter>
+  </shape>
+</scene>"""
+
+
+def test_an_own_zip_from_the_empty_page_to_the_exr(page: Page, service: Service, tmp_path: Path) -> None:
+    own = tmp_path / "my room.zip"
+    with zipfile.ZipFile(own, "w") as bundle:
+        bundle.writestr("room/scene.xml", OWN_SCENE)
+    page.goto(f"{service.url}/#/")
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Choose a file…").click()
+    chooser.value.set_files(own)
+    dialog = page.get_by_role("dialog", name="New render")
+    expect(dialog.get_by_role("radio", name="my room.zip")).to_be_checked(timeout=60_000)
+    dialog.get_by_text("What this scene requires").click()
+    expect(dialog).to_contain_text("sphere")
+    dialog.get_by_role("button", name="Start render").click()
+    expect(page.locator("aside")).to_contain_text("Reached", timeout=60_000)
+    with page.expect_download() as download:
+        page.get_by_role("link", name="EXR").click()
+    assert download.value.suggested_filename == "my-room.exr"
     assert Path(download.value.path()).read_bytes()[:4] == b"\x76\x2f\x31\x01"
 
 
