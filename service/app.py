@@ -15,7 +15,7 @@ from service import errors, openapi
 from service.context import Service
 from service.headers import SecurityHeaders
 from service.page import Page
-from service.routes import docs, events, frames, gallery, health, jobs, scenes
+from service.routes import docs, events, frames, gallery, health, jobs, learn, scenes
 from service.settings import ServiceSettings
 
 API_VERSION = "1"
@@ -45,7 +45,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     errors.install(app)
     app.add_middleware(errors.RequestGuard, max_body_bytes=settings.max_body_bytes)
     app.add_middleware(SecurityHeaders)
-    for module in (gallery, scenes, jobs, frames, events, health, docs):
+    for module in (gallery, scenes, jobs, frames, events, learn, health, docs):
         app.include_router(module.router)
     app.mount("/", Page(settings.static_dir), name="page")
     app.openapi = functools.partial(openapi.describe, app)

@@ -35,8 +35,8 @@ class Service:
         self.hub = Hub(self.jobs)
         self.frames = FrameCache()
         self.uploads = Uploads(settings, self.scenes)
-        engine = LocalEngine("render", self.files.displays)
-        self.runner = Runner(settings, self.jobs, engine, self.hub, self.files, self._scene_path)
+        self.engine = LocalEngine("render", self.files.displays)
+        self.runner = Runner(settings, self.jobs, self.engine, self.hub, self.files, self._scene_path)
         self._lock = DataLock(settings.data_dir)
 
     async def start(self) -> None:

@@ -332,6 +332,42 @@ class Pixel(BaseModel):
     trusted: bool
 
 
+class Directions(BaseModel):
+    """Directions that one technique drew at a vertex, on its map: u = φ / 2π, v = θ / polar_range."""
+
+    u: list[float]
+    v: list[float]
+    found: list[bool] | None = Field(description="emitter sampling: whether the light is visible")
+    lost: int = Field(description="below the surface, where no light counts")
+
+
+class FirstVertex(BaseModel):
+    """What a pixel's centre sees, in the scene's units, and where each technique sends its samples from there."""
+
+    width: int = Field(description="of the scene's picture")
+    height: int
+    is_hit: bool
+    position: list[float]
+    normal: list[float]
+    distance: float
+    emitted: float = Field(description="luminance that the surface itself sends to the camera")
+    lobes: list[str] = Field(description="how the surface scatters")
+    is_smooth: bool = Field(description="false: mirror or clear glass, one direction alone counts")
+    passes_light: bool
+    map_width: int
+    map_height: int
+    polar_range: float = Field(description="radians of θ from the normal: π/2, or π where light passes")
+    directions: dict[str, Directions]
+
+
+class RunningMoments(BaseModel):
+    """Moments of the first n samples of a part. m2: sum of squared deviations."""
+
+    n: int
+    mean: float
+    m2: float
+
+
 class Hello(BaseModel):
     """First event of every stream: a new server id means that the server was started again."""
 

@@ -135,7 +135,7 @@ def _start(turn: Turn) -> _Run:
     for key in [key for key in _runs if key[0] == turn.job_id]:
         del _runs[key]
     settings = renderer.Settings(**turn.settings)
-    scene = _scene(turn, settings)
+    scene = kept_scene(turn.scene, settings)
     snapshots = _snapshots(scene, renderer.Target(**turn.target), settings, turn.checkpoint)
     run = _runs[turn.job_id, turn.attempt] = _Run(snapshots, scene, 0.0)
     return run
@@ -148,16 +148,16 @@ def _snapshots(scene: Scene, target: Target, settings: Settings, checkpoint: str
     yield from renderer.progressive(scene, target, settings, start=start)
 
 
-def _scene(turn: Turn, settings: Settings) -> Scene:
+def kept_scene(source: str, settings: Settings) -> Scene:
     """The compiled scene, from the most recently used ones if it is among them."""
     import renderer
 
-    if turn.scene not in _scenes:
-        _scenes[turn.scene] = renderer.load_scene(turn.scene, settings=settings)
+    if source not in _scenes:
+        _scenes[source] = renderer.load_scene(source, settings=settings)
         while len(_scenes) > _KEPT_SCENES:
             _scenes.popitem(last=False)
-    _scenes.move_to_end(turn.scene)
-    return _scenes[turn.scene].sized(settings)
+    _scenes.move_to_end(source)
+    return _scenes[source].sized(settings)
 
 
 def _render(run: _Run, turn: Turn) -> tuple[dict[str, float], ...]:

@@ -1,4 +1,4 @@
-"""What a screenshot shows, as numbers."""
+"""A job on the screen, and what a screenshot shows, as numbers."""
 
 from __future__ import annotations
 
@@ -8,6 +8,13 @@ import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
 from playwright.sync_api import Page
+from running import Service
+
+
+def open_job(page: Page, service: Service, address: str) -> None:
+    """Shows a job once its picture is drawn. address: its id, with what follows in a link."""
+    page.goto(f"{service.url}/#/jobs/{address}")
+    page.wait_for_function("Number(document.querySelector('#viewer')?.dataset.frame) > 0", timeout=60_000)
 
 
 def picture_colours(page: Page, folder: Path) -> NDArray[np.uint8]:

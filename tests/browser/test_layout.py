@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, Service
 from playwright.sync_api import Page, expect
+from running import ROOT, Service
 from screen import overlaps
 
 AXE = ROOT / "web" / "node_modules" / "axe-core" / "axe.min.js"
@@ -70,6 +70,16 @@ def test_axe_is_clean(page: Page, service: Service, finished_job: str, theme: st
         found[place] = axe_findings(page, AXE)
         page.keyboard.press("Escape")
         expect(page.locator("dialog")).to_have_count(0)
+    other = service.submit({"spp": 64}, width=96, height=96, technique="bsdf")
+    service.wait_ended(other)
+    page.get_by_role("combobox", name="Compare with").select_option(other)
+    expect(page.get_by_role("slider", name="Wipe")).to_be_visible()
+    page.keyboard.press("d")
+    found["difference"] = axe_findings(page, AXE)
+    page.get_by_role("button", name="Continue…").click()
+    found["continue"] = axe_findings(page, AXE)
+    page.keyboard.press("Escape")
+    expect(page.locator("dialog")).to_have_count(0)
     page.set_viewport_size({"width": 420, "height": 800})
     page.get_by_role("button", name="Jobs").click()
     found["menu"] = axe_findings(page, AXE)

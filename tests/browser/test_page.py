@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import re
+import zipfile
 from pathlib import Path
 
-import pytest
-from conftest import Service
 from playwright.sync_api import Page, Route, expect
-from screen import picture_colours
+from running import Service
+from screen import open_job, picture_colours
 
 SECONDS = 5
-
-
-def open_job(page: Page, service: Service, job_id: str) -> None:
-    """Shows a job once its picture is there."""
-    page.goto(f"{service.url}/#/jobs/{job_id}")
-    page.wait_for_function("Number(document.querySelector('#viewer')?.dataset.frame) > 0")
 
 
 def test_a_render_from_the_dialog_to_the_file(page: Page, service: Service, tmp_path: Path) -> None:
@@ -58,6 +52,39 @@ def test_a_render_from_the_dialog_to_the_file(page: Page, service: Service, tmp_
     with page.expect_download() as download:
         page.get_by_role("link", name="EXR").click()
     assert download.value.suggested_filename.endswith(".exr")
+    assert Path(download.value.path()).read_bytes()[:4] == b"\x76\x2f\x31\x01"
+
+
+OWN_SCENE = """<scene version="3.0.0">
+  <sensor type="perspective">
+    <transform name="to_world"><lookat origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="48"/><integer name="height" value="32"/></film>
+  </sensor>
+  <shape type="sphere"><bsdf type="diffuse"/></shape>
+  <shape type="rectangle">
+    <transform name="to_world"><scale value="2"/><lookat origin="0, 4, 2" target="0, 0, 0" up="0, 0, 1"/></transform>
+    <emitter type="area"><rgb name="radiance" value="5"/></emitter>
+  </shape>
+</scene>"""
+
+
+def test_an_own_zip_from_the_empty_page_to_the_exr(page: Page, service: Service, tmp_path: Path) -> None:
+    own = tmp_path / "my room.zip"
+    with zipfile.ZipFile(own, "w") as bundle:
+        bundle.writestr("room/scene.xml", OWN_SCENE)
+    page.goto(f"{service.url}/#/")
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Choose a file…").click()
+    chooser.value.set_files(own)
+    dialog = page.get_by_role("dialog", name="New render")
+    expect(dialog.get_by_role("radio", name="my room.zip")).to_be_checked(timeout=60_000)
+    dialog.get_by_text("What this scene requires").click()
+    expect(dialog).to_contain_text("sphere")
+    dialog.get_by_role("button", name="Start render").click()
+    expect(page.locator("aside")).to_contain_text("Reached", timeout=60_000)
+    with page.expect_download() as download:
+        page.get_by_role("link", name="EXR").click()
+    assert download.value.suggested_filename == "my-room.exr"
     assert Path(download.value.path()).read_bytes()[:4] == b"\x76\x2f\x31\x01"
 
 
@@ -128,14 +155,3 @@ def test_without_webgl_the_png_stands_in(page: Page, service: Service, finished_
     expect(page.get_by_text("This browser cannot draw beside the page")).to_be_visible()
     still = page.get_by_role("img", name="Picture of Cornell box")
     page.wait_for_function("(image) => image.naturalWidth > 0", arg=still.element_handle())
-
-
-@pytest.mark.parametrize("key", ["?", "Shift+N"])
-def test_dialogs_open_by_key_and_return_the_focus(page: Page, service: Service, finished_job: str, key: str) -> None:
-    open_job(page, service, finished_job)
-    page.locator("#viewer").focus()
-    page.keyboard.press(key)
-    expect(page.locator("dialog[open]")).to_be_visible()
-    page.keyboard.press("Escape")
-    expect(page.locator("dialog")).to_have_count(0)
-    assert page.evaluate("document.activeElement.id") == "viewer"

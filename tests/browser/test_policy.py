@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 import pytest
-from conftest import Service
 from playwright.sync_api import Browser, expect
+from running import Service
 
 
 @pytest.mark.parametrize("place", ["", "#/jobs/{job}", "docs"])

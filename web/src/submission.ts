@@ -24,6 +24,7 @@ export interface Draft extends TargetDraft {
   height: string;
   maxDepth: string;
   technique: Technique;
+  isAdaptive: boolean;
   seed: string;
 }
 
@@ -45,7 +46,7 @@ export function freshDraft(): Draft {
     hasSpp: false, spp: '256',
     region: '',
     width: '', height: '',
-    maxDepth: '', technique: 'mis', seed: '0',
+    maxDepth: '', technique: 'mis', isAdaptive: true, seed: '0',
   }; // prettier-ignore
 }
 
@@ -62,14 +63,19 @@ export function draftFrom(job: Job, choice: SceneChoice | null): Draft {
     seconds: text(target.seconds, '60'),
     hasSpp: !!target.spp,
     spp: text(target.spp, '256'),
-    region: regionAsTyped(target.region ?? null),
+    region: regionAsTyped(asRegion(target.region)),
     width: text(settings.width, ''),
     height: text(settings.height, ''),
     maxDepth: settings.max_depth !== null && settings.max_depth > 0 ? text(settings.max_depth, '') : '',
-    technique: settings.technique ?? 'mis',
+    technique: settings.technique,
+    isAdaptive: settings.adaptive ?? true,
     seed: text(settings.seed, '0'),
   };
 }
+
+/** The wire's list of four. */
+export const asRegion = (list: readonly number[] | null | undefined): Region | null =>
+  list?.length === 4 ? [list[0], list[1], list[2], list[3]] : null;
 
 export const regionAsTyped = (region: Region | null): string => region?.join(', ') ?? '';
 
@@ -92,7 +98,7 @@ export function furtherTarget(job: Job, region: Region | null): TargetDraft {
     seconds: text(Math.max(4 * seconds, 2 * (target.seconds ?? 0), 1)),
     hasSpp: !!target.spp && !target.error,
     spp: String(Math.ceil(4 * Math.max(spp, target.spp ?? 0, 1))),
-    region: regionAsTyped(region ?? target.region ?? null),
+    region: regionAsTyped(region ?? asRegion(target.region)),
   };
 }
 
@@ -134,6 +140,7 @@ export function submissionOf(draft: Draft): Submission {
     target: targetOf(draft),
     settings: {
       technique: draft.technique,
+      ...(!draft.isAdaptive && { adaptive: false }),
       ...(draft.width !== '' && { width: Number(draft.width) }),
       ...(draft.height !== '' && { height: Number(draft.height) }),
       ...(draft.maxDepth !== '' && { max_depth: Number(draft.maxDepth) }),

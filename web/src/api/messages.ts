@@ -24,10 +24,43 @@ export interface Deleted {
   id: string;
 }
 
+/** Directions that one technique drew at a vertex, on its map: u = φ / 2π, v = θ / polar_range. */
+export interface Directions {
+  u: number[];
+  v: number[];
+  /** emitter sampling: whether the light is visible */
+  found: boolean[] | null;
+  /** below the surface, where no light counts */
+  lost: number;
+}
+
 /** One field that was refused. */
 export interface FieldError {
   field: string;
   message: string;
+}
+
+/** What a pixel's centre sees, in the scene's units, and where each technique sends its samples from there. */
+export interface FirstVertex {
+  /** of the scene's picture */
+  width: number;
+  height: number;
+  is_hit: boolean;
+  position: number[];
+  normal: number[];
+  distance: number;
+  /** luminance that the surface itself sends to the camera */
+  emitted: number;
+  /** how the surface scatters */
+  lobes: string[];
+  /** false: mirror or clear glass, one direction alone counts */
+  is_smooth: boolean;
+  passes_light: boolean;
+  map_width: number;
+  map_height: number;
+  /** radians of θ from the normal: π/2, or π where light passes */
+  polar_range: number;
+  directions: Record<string, Directions>;
 }
 
 /** Render time still needed to reach the error target, with its interval. */
@@ -85,6 +118,17 @@ export interface Hello {
   last_event_id: number;
 }
 
+/** What to know before believing a picture. invalid: samples that were not finite; untrusted: share of pixels. */
+export interface ImageHealth {
+  status: "good" | "uncertain" | "degraded";
+  invalid: number;
+  invalid_pixels: number;
+  empty_pixels: number;
+  untrusted: number;
+  cannot_see: string[];
+  warnings: string[];
+}
+
 /** One job. error: relative (0.031 = 3.1 %); seconds: of rendering; frame_seq 0: no frame yet. */
 export interface Job {
   id: string;
@@ -111,6 +155,9 @@ export interface Job {
   share_within: number | null;
   share_trusted: number | null;
   invalid: number;
+  /** what the error is below, with the target's confidence */
+  error_upper?: number | null;
+  health?: ImageHealth | null;
   cause: Cause | null;
   warnings: string[];
 }
@@ -141,6 +188,9 @@ export interface JobDetail {
   share_within: number | null;
   share_trusted: number | null;
   invalid: number;
+  /** what the error is below, with the target's confidence */
+  error_upper?: number | null;
+  health?: ImageHealth | null;
   cause: Cause | null;
   warnings: string[];
   curve: CurvePoint[];
@@ -201,6 +251,9 @@ export interface ProgressMessage {
   share_within: number | null;
   share_trusted: number | null;
   invalid: number;
+  /** what the error is below, with the target's confidence */
+  error_upper?: number | null;
+  health?: ImageHealth | null;
 }
 
 /** Whether jobs start at once. */
@@ -245,6 +298,13 @@ export interface Requirements {
   unsupported: string[];
 }
 
+/** Moments of the first n samples of a part. m2: sum of squared deviations. */
+export interface RunningMoments {
+  n: number;
+  mean: number;
+  m2: number;
+}
+
 /** An uploaded scene. requirements: null for a scene taken in by an older version. */
 export interface Scene {
   id: string;
@@ -276,6 +336,7 @@ export interface Settings {
   seed: number;
   max_depth: number | null;
   technique: "mis" | "bsdf" | "emitter" | "cosine" | "uniform";
+  adaptive?: boolean;
 }
 
 /** Which estimator; what is left out comes from the scene. */
@@ -286,6 +347,8 @@ export interface SettingsRequest {
   /** -1 = unlimited */
   max_depth?: number | null;
   technique?: "mis" | "bsdf" | "emitter" | "cosine" | "uniform";
+  /** more samples where they lower the error most */
+  adaptive?: boolean;
 }
 
 /** Where a job is. */
@@ -296,6 +359,9 @@ export interface Target {
   error: number | null;
   seconds: number | null;
   spp: number | null;
+  confidence?: number | null;
+  share?: number | null;
+  region?: number[] | null;
 }
 
 /** When to stop; the first limit reached wins. */
@@ -304,6 +370,12 @@ export interface TargetRequest {
   error?: number | null;
   /** of rendering */
   seconds?: number | null;
-  /** samples per pixel */
+  /** samples per pixel, in the mean */
   spp?: number | null;
+  /** how sure to be of the error; 0.95 where one is given */
+  confidence?: number | null;
+  /** of the pixels that must be within the error, each by itself */
+  share?: number | null;
+  /** x, y, width, height: the pixels whose error counts */
+  region?: number[] | null;
 }

@@ -1,7 +1,7 @@
 /** Wire types under the names that the page uses. Errors are relative (0.031 = 3.1 %), times are seconds of rendering. */
 import type * as wire from './messages';
 
-export type { Cause, CurvePoint, FieldError, Forecast, GalleryScene, Requirements } from './messages';
+export type { Cause, CurvePoint, FieldError, FirstVertex, Forecast, GalleryScene, Requirements } from './messages';
 export type JobState = wire.State;
 export type Technique = wire.Settings['technique'];
 export type StoppedBy = NonNullable<wire.Job['stopped_by']>;
@@ -14,7 +14,7 @@ export type PixelReading = wire.Pixel;
 export type Region = [number, number, number, number];
 
 /** As asked for or as told: what is left out is null there. */
-export type Target = Omit<wire.TargetRequest, 'region'> & { region?: Region | null };
+export type Target = wire.TargetRequest;
 
 export interface Job extends Omit<wire.Job, 'target'> {
   target: Target;

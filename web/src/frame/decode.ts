@@ -29,7 +29,7 @@ export interface FrameSummary {
   meanLuminance: number;
   /** Luminance below which 99 % of the valid pixels lie. */
   whiteLuminance: number;
-  /** Pixels per bin of log10(relative standard error), see HISTOGRAM. */
+  /** Pixels per bin of log10(relative standard error), see HISTOGRAM; of large frames a part stands for all. */
   histogram: Uint32Array;
   /** Pixels without an error estimate. */
   unknown: number;
@@ -57,7 +57,7 @@ export class FrameError extends Error {}
 export function decodeFrame(body: ArrayBuffer): Frame {
   const header = readHeader(body);
   const { halves, counts } = interleave(body, header);
-  return { header, halves, counts, summary: summarise(halves, header.scale) };
+  return { header, halves, counts, summary: summarise(halves, header.scale, header.width) };
 }
 
 export function readHeader(body: ArrayBuffer): FrameHeader {
@@ -101,31 +101,49 @@ export function relativeError(luminance: number, standardError: number, meanLumi
   return standardError / Math.sqrt(luminance * luminance + 0.01 * meanLuminance * meanLuminance);
 }
 
-export function summarise(halves: Uint16Array, scale: number): FrameSummary {
+/** Logarithms are dear: of larger frames so many pixels, evenly spread, stand for all in the two histograms. */
+const HISTOGRAM_PIXELS = 1 << 17;
+
+export function summarise(halves: Uint16Array, scale: number, width = 1): FrameSummary {
   const value = halfTable();
   const n = halves.length / 4;
+  const [red, green, blue] = LUMA.map((weight) => weight / scale);
   const luminance = new Float32Array(n);
-  const bright = new Uint32Array(512); // log2 luminance, 8 bins a stop, −32 … +32
   let sum = 0;
   let valid = 0;
+  let unknown = 0;
   for (let i = 0, at = 0; i < n; i++, at += 4) {
-    const y = (LUMA[0] * value[halves[at]] + LUMA[1] * value[halves[at + 1]] + LUMA[2] * value[halves[at + 2]]) / scale;
+    const y = red * value[halves[at]] + green * value[halves[at + 1]] + blue * value[halves[at + 2]];
     luminance[i] = y;
-    if (!Number.isFinite(y)) continue;
+    // y − y is 0 for all but NaN and infinity, which have no estimate either.
+    if (y - y !== 0) {
+      unknown++;
+      continue;
+    }
     sum += y;
     valid++;
-    if (y > 0) bright[clampBin((Math.log2(y) + 32) * 8, 512)]++;
+    const error = value[halves[at + 3]];
+    if (error - error !== 0 || (error === 0 && y === 0)) unknown++;
   }
   const meanLuminance = valid > 0 ? sum / valid : 0;
+  const bright = new Uint32Array(512); // log2 luminance, 8 bins a stop, −32 … +32
   const histogram = new Uint32Array(HISTOGRAM.bins);
   const perDecade = HISTOGRAM.bins / (HISTOGRAM.high - HISTOGRAM.low);
-  let unknown = 0;
-  for (let i = 0; i < n; i++) {
-    const relative = relativeError(luminance[i], value[halves[4 * i + 3]] / scale, meanLuminance);
-    if (Number.isNaN(relative)) unknown++;
-    else histogram[clampBin((Math.log10(relative) - HISTOGRAM.low) * perDecade, HISTOGRAM.bins)]++;
+  const stride = strideOf(n, width);
+  for (let i = 0; i < n; i += stride) {
+    const y = luminance[i];
+    if (y > 0 && y < Infinity) bright[clampBin((Math.log2(y) + 32) * 8, 512)]++;
+    const relative = relativeError(y, value[halves[4 * i + 3]] / scale, meanLuminance);
+    if (!Number.isNaN(relative)) histogram[clampBin((Math.log10(relative) - HISTOGRAM.low) * perDecade, HISTOGRAM.bins)]++;
   }
   return { meanLuminance, whiteLuminance: upperLuminance(bright), histogram, unknown, invalid: n - valid };
+}
+
+/** A step that visits about HISTOGRAM_PIXELS of n pixels, and not the same columns in every row. */
+function strideOf(n: number, width: number): number {
+  let stride = Math.max(1, Math.round(n / HISTOGRAM_PIXELS));
+  while (stride > 1 && width % stride === 0) stride++;
+  return stride;
 }
 
 /** Share of the pixels with an estimate whose relative error is below `limit`; null where none has one. */

@@ -2,13 +2,15 @@
 import type { CurvePoint, Job, Target } from '../api/types';
 import { duration, percent, roughDuration, roundPercent } from './format';
 
-type Measured = Pick<Job, 'error' | 'seconds' | 'spp' | 'target'>;
+type Measured = Pick<Job, 'error' | 'seconds' | 'spp' | 'target'> & Partial<Pick<Job, 'error_upper'>>;
 
 /** Fraction done, 0…1. Error falls as 1/√time, so work done is (target/error)²; the target met first wins. */
 export function fractionDone(job: Measured): number {
   const { error, seconds, spp } = job.target;
   const fractions = [0];
-  if (error && job.error) fractions.push((error / job.error) ** 2);
+  // A job stops once it is sure to be below its target: by the upper bound, where there is one.
+  const sure = job.error_upper ?? job.error;
+  if (error && sure) fractions.push((error / sure) ** 2);
   if (seconds) fractions.push(job.seconds / seconds);
   if (spp) fractions.push(job.spp / spp);
   return Math.min(Math.max(...fractions), 1);
@@ -53,7 +55,11 @@ function range(low: number, high: number): string {
 /** A target said back in one plain sentence. */
 export function targetSentence(target: Target): string {
   const parts: string[] = [];
-  if (target.error) parts.push(`the relative error is at most ${roundPercent(target.error)}`);
+  if (target.error) {
+    const where = target.region ? ` in ${target.region[2]} × ${target.region[3]} pixels at (${target.region[0]}, ${target.region[1]})` : '';
+    const sure = target.confidence ? `, ${roundPercent(target.confidence)} sure,` : '';
+    parts.push(`the relative error${where} is${sure} at most ${roundPercent(target.error)}`);
+  }
   if (target.seconds) parts.push(`${duration(target.seconds)} of rendering have passed`);
   if (target.spp) parts.push(`every pixel has ${target.spp} samples`);
   if (parts.length === 0) return 'Give at least one target: an error, a time or a number of samples.';

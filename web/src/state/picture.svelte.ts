@@ -35,12 +35,17 @@ export class Picture {
   readonly target: number = $derived(this.job?.target.error ?? USUAL_TARGET);
   private readonly endedId: string | null = $derived(this.job && isEnded(this.job.state) ? this.job.id : null);
 
+  /** When the bytes of the newest frame were there. */
+  bytesArrived = 0;
   private readId: string | null = null;
 
   private readonly puller = new FramePuller<HeldFrame>({
     source: {
       fetch: fetchFrame,
-      decode: (body) => pictureCanvas.decode(body),
+      decode: (body) => {
+        this.bytesArrived = performance.now();
+        return pictureCanvas.decode(body);
+      },
       drop: (frame) => pictureCanvas.drop(frame),
     },
     onFrame: (id, frame) => {

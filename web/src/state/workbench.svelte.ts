@@ -18,8 +18,7 @@ class Workbench {
   readonly a: Picture = $derived(this.pictures[this.isSwapped ? 1 : 0]);
   readonly b: Picture = $derived(this.pictures[this.isSwapped ? 0 : 1]);
 
-  /** Why no picture can be drawn here, where that is so; the service's PNG stands in. */
-  blindReason = $state<string | null>(null);
+  private cannotDraw = $state<string | null>(null);
   mode = $state<Mode>('image');
   exposure = $state(0);
   isOnlyAbove = $state(false);
@@ -46,6 +45,10 @@ class Workbench {
 
   /** Number of the newest frame that has been drawn. */
   paintedSeq = $state(0);
+  /** From its bytes to the screen. */
+  paintedMilliseconds = $state(0);
+
+  private paintedId: number | null = null;
 
   readonly selectedId = $derived(this.a.id);
   readonly againstId = $derived(this.b.id);
@@ -53,6 +56,13 @@ class Workbench {
   readonly job: Job | null = $derived(this.a.job);
   readonly frame: HeldFrame | null = $derived(this.a.frame);
   readonly image: Size = $derived(this.a.image);
+  /** Why this picture cannot be drawn here, where that is so; the service's PNG stands in. */
+  readonly blindReason: string | null = $derived.by(() => {
+    if (this.cannotDraw !== null) return this.cannotDraw;
+    const limit = pictureCanvas.largestSide;
+    const isTooLarge = this.frame !== null && Math.max(this.image.width, this.image.height) > limit;
+    return isTooLarge ? `The picture is wider or higher than the ${limit} pixels that this graphics device takes` : null;
+  });
   readonly target: number = $derived(this.a.target);
   readonly reading: Reading | null = $derived(this.a.readingAt(this.probe));
   readonly canSubtract: boolean = $derived(
@@ -91,7 +101,7 @@ class Workbench {
 
   /** Wires selection, frames and the pixel reading together; called once. Returns its undo. */
   start(): () => void {
-    pictureCanvas.onBlind = (reason) => (this.blindReason = reason);
+    pictureCanvas.onBlind = (reason) => (this.cannotDraw = reason);
     // Ready before the first picture, but not before the page: the graphics context costs half a second of both.
     const begin = (): void => pictureCanvas.start();
     if ('requestIdleCallback' in window) requestIdleCallback(begin, { timeout: 1500 });
@@ -100,13 +110,15 @@ class Workbench {
       const wantsMaps = (): boolean => this.mode === 'samples' || this.mode === 'trust';
       for (const picture of this.pictures) picture.follow(() => this.probe, wantsMaps);
       $effect(() => this.compare());
-      $effect(() => {
-        const { frame } = this;
-        const side = Math.max(frame?.header.width ?? 0, frame?.header.height ?? 0);
-        if (side > pictureCanvas.largestSide)
-          this.blindReason = `The picture is wider or higher than the ${pictureCanvas.largestSide} pixels that this graphics device takes`;
-      });
     });
+  }
+
+  /** Picture A has been drawn with this frame. */
+  notePainted(frame: HeldFrame | null): void {
+    if (frame && frame.id !== this.paintedId) this.paintedMilliseconds = performance.now() - this.a.bytesArrived;
+    if (!frame) this.paintedMilliseconds = 0;
+    this.paintedId = frame?.id ?? null;
+    this.paintedSeq = frame?.header.seq ?? 0;
   }
 
   /** Puts a job on the bench, and another beside it. */

@@ -1,0 +1,1 @@
+"""Speed against accuracy, and what an estimator does at one point."""
