@@ -1,7 +1,7 @@
 """The API's messages as TypeScript interfaces, for the page.
 
-    python -m service.typescript            writes web/src/api/messages.ts
-    python -m service.typescript --check    says whether it is what the service speaks; exit code 1 if not
+python -m service.typescript            writes web/src/api/messages.ts
+python -m service.typescript --check    says whether it is what the service speaks; exit code 1 if not
 """
 
 from __future__ import annotations

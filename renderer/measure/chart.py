@@ -15,7 +15,8 @@ from renderer.measure.table import percent, say_seconds
 
 PLOT_WIDTH, PLOT_HEIGHT = 330, 300
 LABELS = 150  # to the right of each panel, for the names of its lines
-LEFT, TOP, BOTTOM, GAP, MARGIN = 52, 104, 84, 22, 28
+LEFT, TOP, BOTTOM, GAP, MARGIN = 52, 104, 90, 22, 28
+MOST_COLUMNS = 2
 LINE = 15  # least distance of two labels
 INK, MUTED, GRID, PAPER, ACCENT = "#1f2430", "#6b7280", "#e6e8ec", "#ffffff", "#2f5bea"
 COLOURS = ("#d9480f", "#2b8a3e", "#9c36b5", "#c2255c", "#0b7285")
@@ -46,8 +47,10 @@ class _Axes:
 def svg(found: Measurement) -> str:
     """The chart as an SVG document, or one that says that no light was found."""
     groups = list(dict.fromkeys(row.candidate.group for row in found.rows[1:])) or [found.default.candidate.group]
-    width = 2 * MARGIN + len(groups) * (LEFT + PLOT_WIDTH + LABELS) + (len(groups) - 1) * GAP
-    height = TOP + PLOT_HEIGHT + BOTTOM
+    columns, rows_of_panels = min(len(groups), MOST_COLUMNS), -(-len(groups) // MOST_COLUMNS)
+    across, down = LEFT + PLOT_WIDTH + LABELS + GAP, PLOT_HEIGHT + BOTTOM
+    width = 2 * MARGIN + columns * across - GAP
+    height = TOP + rows_of_panels * down
     drawn = [row for row in found.rows if row.curve]
     body = [_text(MARGIN, 38, f"{found.scene}: error over time", 20, INK, weight=600)]
     if not drawn:
@@ -62,8 +65,8 @@ def svg(found: Measurement) -> str:
     axes = _axes(drawn)
     for i, group in enumerate(groups):
         rows = [row for row in found.rows if row.candidate.group == group or row is found.default]
-        left = MARGIN + i * (LEFT + PLOT_WIDTH + LABELS + GAP) + LEFT
-        body.append(f'<g transform="translate({left},{TOP})">{_panel(found, group, rows, axes, i)}</g>')
+        left, top = MARGIN + i % MOST_COLUMNS * across + LEFT, TOP + i // MOST_COLUMNS * down
+        body.append(f'<g transform="translate({left},{top})">{_panel(found, group, rows, axes, i)}</g>')
     return _document(width, height, body)
 
 
@@ -84,16 +87,17 @@ def _panel(found: Measurement, group: str, rows: list[Row], axes: _Axes, index: 
         _grid(axes),
         f'<g clip-path="url(#{clip})">',
     ]
-    labels: list[tuple[float, str, str, bool]] = []
+    labels: list[tuple[float, float, str, str, bool]] = []
     colours = dict(zip([r.name for r in rows if r is not found.default], COLOURS, strict=False))
     for row in sorted(rows, key=lambda r: r is found.default):  # the default on top
         colour = ACCENT if row is found.default else colours.get(row.name, MUTED)
         if not row.curve:
-            labels.append((PLOT_HEIGHT, f"{row.name}: no light found", MUTED, False))
+            why = "not known yet" if row.share_found else "no light found"
+            labels.append((PLOT_HEIGHT, PLOT_WIDTH, f"{row.name}: {why}", MUTED, False))
             continue
         parts.append(_curve(row, axes, colour, row is found.default))
         end = min(max(axes.y(row.curve[-1].error), 0), PLOT_HEIGHT)
-        labels.append((end, _label(found, row), colour, row is found.default))
+        labels.append((end, axes.x(row.curve[-1].seconds), _label(found, row), colour, row is found.default))
     parts.append("</g>")
     parts += _labels(labels)
     return "".join(parts)
@@ -156,7 +160,7 @@ def _label(found: Measurement, row: Row) -> str:
     return f"{row.name}: {ratio:.2g} ×" + ("" if row.is_trusted else " ?")
 
 
-def _labels(labels: list[tuple[float, str, str, bool]]) -> list[str]:
+def _labels(labels: list[tuple[float, float, str, str, bool]]) -> list[str]:
     """Names beside the ends of their lines, pushed apart where they would touch."""
     ordered = sorted(labels)
     heights = [y for y, *_ in ordered]
@@ -167,9 +171,12 @@ def _labels(labels: list[tuple[float, str, str, bool]]) -> list[str]:
         ceiling = PLOT_HEIGHT if i == len(heights) - 1 else heights[i + 1] - LINE
         heights[i] = min(heights[i], ceiling) if overflow else heights[i]
     parts = []
-    for y, (line_end, name, colour, is_default) in zip(heights, ordered, strict=True):
+    for y, (line_end, start, name, colour, is_default) in zip(heights, ordered, strict=True):
         x = PLOT_WIDTH + 5
-        parts.append(f'<path d="M{PLOT_WIDTH} {line_end:.1f}L{x + 5} {y:.1f}" stroke="{colour}" fill="none"/>')
+        parts.append(
+            f'<path d="M{start + 5:.1f} {line_end:.1f}H{PLOT_WIDTH}L{x + 5} {y:.1f}" stroke="{colour}" '
+            'stroke-opacity=".45" fill="none"/>'
+        )
         parts.append(_text(x + 9, y + 4, name, 11.5, colour, weight=600 if is_default else 400))
     return parts
 

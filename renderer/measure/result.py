@@ -15,7 +15,9 @@ from renderer.measure.candidates import Candidate
 
 TARGETS = (0.10, 0.05, 0.02, 0.01)
 BUDGETS = (1.0, 10.0, 60.0, 600.0)
-MIN_TRUSTED = 0.5  # share of pixels: below it an error is a lower bound at best
+# Below both of these an error is a lower bound at best. Few replicates alone are no reason: that is a short run.
+MIN_TRUSTED = 0.5  # of the pixels
+MIN_FOUND = 0.9  # of the lit pixels have found light often
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,7 @@ class Row:
     samples: int
     seconds: float
     share_trusted: float
+    share_found: float
     invalid: int
     lost_light: float = 0.0
     lost_rel_mse: float = 0.0
@@ -67,7 +70,7 @@ class Row:
     @property
     def is_trusted(self) -> bool:
         """Whether most pixels' intervals can be believed; else the true error may be far larger."""
-        return self.share_trusted >= MIN_TRUSTED
+        return self.share_trusted >= MIN_TRUSTED or self.share_found >= MIN_FOUND
 
     @property
     def samples_per_second(self) -> float:
@@ -101,7 +104,10 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """All settings of one scene, the default first. reference: name of the file that true errors are against."""
+    """All settings of one scene, the default first. reference: name of the file that true errors are against.
+
+    full_size: pixels of the scene's own image over those measured; its times are that much longer.
+    """
 
     scene: str
     digest: str
@@ -110,6 +116,7 @@ class Measurement:
     seconds: float
     rows: tuple[Row, ...]
     reference: str | None = None
+    full_size: float = 1.0
 
     @property
     def default(self) -> Row:
@@ -142,6 +149,7 @@ class Measurement:
             "height": self.height,
             "seconds": self.seconds,
             "reference": self.reference,
+            "full_size": self.full_size,
             "settings": [self._row(row) for row in self.rows],
             "recommended": [self._recommendation(budget) for budget in BUDGETS],
         }

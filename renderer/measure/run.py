@@ -26,6 +26,9 @@ DEFAULT_SECONDS = 3.0
 WARM_UP = Target(spp=1)
 CURVE_GROWTH = 1.15
 Z95 = 1.96
+OFTEN, NEARLY_ALWAYS = 6, 0.9  # replicates that found light
+MIN_REPLICATES, LONGEST = 4, 4.0  # a setting goes on until it has these, for at most this many times its seconds
+MOST_PIXELS = 2**15  # where no size is asked for
 
 
 def measure(
@@ -41,6 +44,7 @@ def measure(
 
     scene: a loaded scene or anything that `load_scene` takes. settings: what all share (size, seed, …).
     reference: an EXR of the converged image, ours or any other; true errors are then measured as well, at its size.
+    Without a size or a reference, the image is shrunk to 2^15 pixels: time per pixel is what is measured.
     on_progress: told the setting at work and the share done.
     """
     from renderer.scene.compile import Scene, load_scene
@@ -54,6 +58,9 @@ def measure(
     loaded = scene.sized(asked) if isinstance(scene, Scene) else load_scene(scene, settings=asked)
     if truth is not None:
         truth.check(loaded)
+    full_pixels = loaded.width * loaded.height
+    if truth is None and asked.width is None and asked.height is None:
+        loaded = loaded.sized(replace(asked, **_small(loaded)))
     depth = loaded.requirements.max_depth if asked.max_depth is None else asked.max_depth
     tried = candidates(replace(asked, width=loaded.width, height=loaded.height), depth, techniques_only)
     runs = [_Run(loaded, candidate, seconds, truth) for candidate in tried]
@@ -65,7 +72,14 @@ def measure(
     full = runs[0].last
     rows = tuple(run.row(full) for run in runs)
     name = None if reference is None else Path(reference).name
-    return Measurement(loaded.name, loaded.digest, loaded.width, loaded.height, seconds, rows, name)
+    scale = full_pixels / (loaded.width * loaded.height)
+    return Measurement(loaded.name, loaded.digest, loaded.width, loaded.height, seconds, rows, name, scale)
+
+
+def _small(scene: Scene) -> dict[str, int]:
+    """A size of the scene's proportions at which a few seconds say something."""
+    shrink = min(1.0, math.sqrt(MOST_PIXELS / (scene.width * scene.height)))
+    return {"width": max(1, round(scene.width * shrink)), "height": max(1, round(scene.height * shrink))}
 
 
 class _Run:
@@ -76,7 +90,7 @@ class _Run:
         self.curve: list[Point] = []
         self.last: Snapshot | None = None
         self.is_done = False
-        self.snapshots = progressive(scene, Target(seconds=seconds), candidate.settings)
+        self.snapshots = progressive(scene, Target(seconds=LONGEST * seconds), candidate.settings)
         self.is_warm = False
 
     @property
@@ -92,20 +106,22 @@ class _Run:
                 pass
             self.is_warm = True
         self.last = next(self.snapshots)
-        self.is_done = self.last.stopped_by is not None
+        few = int(self.last.estimate.moments.tried.min()) < MIN_REPLICATES
+        self.is_done = self.last.stopped_by is not None or (self.last.seconds >= self.seconds and not few)
         is_due = not self.curve or self.last.seconds >= self.curve[-1].seconds * CURVE_GROWTH
         if is_due or self.is_done:
             self._add_point(self.last)
 
     def _add_point(self, snapshot: Snapshot) -> None:
-        moments = snapshot.estimate.moments
-        if snapshot.error is None or not (moments.count >= 2).all():
+        if snapshot.error is None or not (snapshot.estimate.moments.count >= 2).all():
             return
         if self.is_done and self.curve and snapshot.seconds < self.curve[-1].seconds * math.sqrt(CURVE_GROWTH):
             self.curve.pop()
-        error, low, high = error_interval(pixel_rel_mse(moments))
+        moments = snapshot.estimate.moments
+        low, high = error_interval(pixel_rel_mse(moments))
         true = None if self.truth is None else self.truth.error_of(snapshot.estimate.mean)
-        self.curve.append(Point(snapshot.seconds, snapshot.spp, error, low, high, true))
+        error = snapshot.error
+        self.curve.append(Point(snapshot.seconds, snapshot.spp, error, low * error, high * error, true))
 
     def row(self, full: Snapshot | None) -> Row:
         assert self.last is not None
@@ -118,18 +134,28 @@ class _Run:
             samples=self.last.samples,
             seconds=self.last.seconds,
             share_trusted=self.last.share_trusted,
+            share_found=share_found(self.last),
             invalid=self.last.invalid,
             lost_light=lost,
             lost_rel_mse=lost_rel_mse,
         )
 
 
-def error_interval(squared: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Relative image error from the squared error of each pixel, (n,), with a 95 % interval from their spread."""
+def error_interval(squared: NDArray[np.float64]) -> tuple[float, float]:
+    """95 % interval of an image error, as multiples of it, from the spread of its pixels' squared errors, (n,)."""
     mean = float(np.mean(squared))
-    margin = Z95 * float(np.std(squared)) / math.sqrt(len(squared))
-    low = max(mean - margin, mean * mean / (mean + margin) if mean > 0 else 0.0)  # stays positive, as the error is
-    return math.sqrt(mean), math.sqrt(low), math.sqrt(mean + margin)
+    if mean <= 0:
+        return 1.0, 1.0
+    margin = Z95 * float(np.std(squared)) / math.sqrt(len(squared)) / mean
+    return math.sqrt(1 / (1 + margin)), math.sqrt(1 + margin)
+
+
+def share_found(snapshot: Snapshot) -> float:
+    """Share of the lit pixels that have found light often enough, or nearly always so far."""
+    moments = snapshot.estimate.moments
+    lit = moments.nonzero > 0
+    found = (moments.nonzero >= OFTEN) | (moments.nonzero >= NEARLY_ALWAYS * moments.count)
+    return float(found[lit].mean()) if lit.any() else 0.0
 
 
 def lost_light(shallow: Snapshot, full: Snapshot) -> tuple[float, float]:

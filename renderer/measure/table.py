@@ -58,7 +58,7 @@ def _cells(found: Measurement, row: Row) -> list[str]:
         name += f" (−{percent(max(0.0, row.lost_light))} light)"
     if last is None:
         blanks = ["–"] * (3 + bool(found.reference) + 1 + len(TARGETS))
-        return [name, _millions(row), "no light found", *blanks[1:]]
+        return [name, _millions(row), "not known yet" if row.share_found else "no light found", *blanks[1:]]
     mark = "" if row.is_trusted else "?"
     cells = [name, _millions(row), percent(last.error) + mark, f"{percent(last.low)}–{percent(last.high)}"]
     if found.reference:
@@ -83,6 +83,8 @@ def _caption(found: Measurement) -> str:
         notes.append("? most pixels' error bars cannot be believed yet: the true error may be far larger")
     if any(row.candidate.is_biased for row in found.rows):
         notes.append("a shallower depth leaves light out, and never gets below that error")
+    if found.full_size > 1.05:
+        notes.append(f"the scene's own size has {found.full_size:.1f} times the pixels, and takes that much longer")
     if found.reference:
         notes.append(f"true error: against {found.reference}")
     return "\n".join(notes)

@@ -31,7 +31,7 @@ def curve(variance_time: float, until: float = 3.0) -> tuple[Point, ...]:
 
 
 def row(name: str, variance_time: float, group: str = "technique", **more: object) -> Row:
-    made = Row(Candidate(name, group, Settings()), curve(variance_time), 1_000_000, 3.0, 0.9, 0)
+    made = Row(Candidate(name, group, Settings()), curve(variance_time), 1_000_000, 3.0, 0.9, 0.99, 0)
     return replace(made, **more)
 
 
@@ -68,7 +68,7 @@ def test_a_gain_too_small_to_be_sure_of_keeps_the_default() -> None:
 
 
 def test_what_cannot_be_trusted_is_not_recommended() -> None:
-    found = measurement(row("uniform", 1e-6, share_trusted=0.1))
+    found = measurement(row("uniform", 1e-6, share_trusted=0.1, share_found=0.3))
     assert found.recommended(60) is found.default
 
 
@@ -83,7 +83,7 @@ def test_light_that_is_left_out_is_recommended_for_short_budgets_only_and_only_i
 
 
 def test_nothing_found_is_said_and_not_divided_by() -> None:
-    dark = row("uniform", 1.0, curve=())
+    dark = row("uniform", 1.0, curve=(), share_found=0.0)
     found = measurement(dark)
     assert dark.efficiency == 0
     assert "no light found" in text_of(found)
@@ -102,7 +102,7 @@ def text_of(found: Measurement) -> str:
 
 
 def test_the_table_names_every_setting_and_marks_forecasts() -> None:
-    text = text_of(measurement(row("bsdf", 0.04), row("uniform", 1e-4, share_trusted=0.2)))
+    text = text_of(measurement(row("bsdf", 0.04), row("uniform", 1e-4, share_trusted=0.2, share_found=0.3)))
     for expected in ("mis", "bsdf", "0.25 ×", "to 10 %", "~", "?"):
         assert expected in text
 
@@ -147,9 +147,10 @@ def test_the_interval_of_an_error_is_the_spread_over_pixels() -> None:
     rng = np.random.default_rng(1)
     covered = 0
     for _ in range(400):
-        error, low, high = error_interval(rng.gamma(2.0, 0.5, 500))
-        assert low < error < high
-        covered += low <= 1.0 <= high
+        squared = rng.gamma(2.0, 0.5, 500)
+        low, high = error_interval(squared)
+        assert low < 1 < high
+        covered += low <= 1 / math.sqrt(squared.mean()) <= high
     assert covered > 400 * 0.9
 
 
