@@ -1,4 +1,4 @@
-"""The command `fredholm`: render, inspect, merge, gallery, serve."""
+"""The command `fredholm`: render, inspect, measure, merge, gallery, serve."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from renderer.errors import FredholmError, SettingsError
 from renderer.estimate.estimate import Estimate, merge
+from renderer.measure.command import measure_command
 from renderer.progress import Snapshot, progressive
 from renderer.region import Region
 from renderer.replay import differences, replay, settings_of
@@ -256,6 +257,9 @@ def _report(snapshot: Snapshot) -> dict[str, Any]:
         "share_within": snapshot.share_within,
         "health": snapshot.health.as_dict(),
     }
+
+
+app.command("measure")(measure_command)
 
 
 @app.command("merge")

@@ -73,6 +73,9 @@ def _is_coloured(key: str, value: Any, is_light: bool) -> bool:
     if name == "Spectrum":
         # A light of constant spectrum is not white: white is the light of day (D65).
         return is_light or (not value.is_uniform() and len(set(value.values)) > 1)
+    if name == "Bitmap" or "Tensor" in name:  # pictures that were handed over in memory
+        pixels = np.array(value)
+        return pixels.ndim == 3 and pixels.shape[-1] >= 3 and bool(np.ptp(pixels[..., :3], axis=-1).max() > 0)
     if key == "material" and isinstance(value, str):
         return value.lower() not in _NAMED_MATERIALS
     return False

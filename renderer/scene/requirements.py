@@ -152,6 +152,10 @@ def _unsupported(node: Any, plugin: str) -> str | None:
         return f"participating media are not supported yet, and this scene has one ({plugin})"
     if plugin in POLARISED:
         return f"polarised light is not supported, and this scene asks for it ({plugin})"
+    if plugin == "irradiancemeter":
+        return f"sensors that are part of a shape are not supported, and this scene has one ({plugin}); use a camera"
+    if plugin == "timed_sunsky":
+        return f"{plugin} cannot be used in a compiled kernel, by Mitsuba's own path either; use sunsky with a date"
     return None
 
 

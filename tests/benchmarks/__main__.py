@@ -79,6 +79,7 @@ def main() -> None:
     parser.add_argument("--smoke", action="store_true", help="tiny and quick: does it run at all?")
     parser.add_argument("--json", type=Path, help="also write JSON lines to this file")
     asked = parser.parse_args()
+    scenes.use_box_filters()
     effort = Effort(asked.width, asked.seconds, asked.rounds, asked.reference_seconds)
     names = asked.scenes or (scenes.every_scene() if asked.all else scenes.DEFAULT)
     if asked.smoke:

@@ -14,7 +14,7 @@ from typing import Any
 import renderer
 from tests.benchmarks.peer import SAMPLERS, Peer
 from tests.benchmarks.reference import converged
-from tests.benchmarks.scenes import load_boxed
+from tests.benchmarks.scenes import load
 
 WARM_UP_SECONDS = 0.3
 
@@ -33,10 +33,11 @@ class Effort:
 
 def compare(name: str, effort: Effort) -> dict[str, Any]:
     """Rates, errors at equal time and their ratios; above 1 Fredholm is better. Medians over the rounds."""
-    scene = load_boxed(name, effort.width)
+    scene = load(name, effort.width)
     reference = converged(scene, effort.reference_seconds, effort.keep_reference)
     _ours(scene, WARM_UP_SECONDS, 0)
-    peers = {sampler: Peer(scene, sampler) for sampler in effort.samplers}
+    in_rgb = load(name, effort.width, "rgb")  # as its users have it; ours takes mono where nothing is coloured
+    peers = {sampler: Peer(in_rgb, sampler) for sampler in effort.samplers}
     spp = {sampler: peer.calibrate(effort.seconds) for sampler, peer in peers.items()}
 
     rates: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
@@ -60,6 +61,7 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
         "scene": name,
         "width": scene.width,
         "height": scene.height,
+        "colour": scene.colour,
         "max_depth": scene.requirements.max_depth,
         "seconds": effort.seconds,
         "rounds": effort.rounds,

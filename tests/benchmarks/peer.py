@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 import renderer
 from renderer.backend import mitsuba
-from tests.benchmarks.scenes import box_sensor
+from renderer.scene import rewrite
+from renderer.scene.source import load_part
 
 # Low-discrepancy samplers round the number of samples up, so each launch asks what it became.
 SAMPLERS = ("independent", "multijitter", "ldsampler")
@@ -19,13 +20,15 @@ LARGEST_LAUNCH = 2**25  # samples: beyond this, memory and not speed is measured
 
 
 class Peer:
-    """`path` at the depth of the scene, with one of Mitsuba's samplers and a box filter."""
+    """`path` at the depth of the scene, in RGB, with one of Mitsuba's samplers."""
 
     def __init__(self, scene: renderer.Scene, sampler: str) -> None:
         mi = mitsuba()
         needs = scene.requirements
         self.scene = scene
-        self.sensor = box_sensor(scene, sampler={"type": sampler})
+        description = rewrite.sensor_dict(scene._parsed.state, scene.width, scene.height)
+        self.sensor = load_part(scene._parsed, description | {"sampler": {"type": sampler}})
+        self.sensor.set_scene(scene.mitsuba_scene)
         self.integrator: Any = mi.load_dict(
             {
                 "type": "path",

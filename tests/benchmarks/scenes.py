@@ -6,13 +6,11 @@ gives every sample to one pixel. Errors of the two are comparable only where bot
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import renderer
 from renderer.scene import gallery, rewrite
-from renderer.scene.source import load_part
 
 SHARED = Path(__file__).parents[3] / "shared" / "scenes"
 SHARED_SURFACES = (
@@ -48,20 +46,22 @@ def source_of(name: str) -> str | Path:
     return shared if shared.is_file() else name
 
 
-def load_boxed(name: str, width: int) -> renderer.Scene:
-    """The scene at that width, its proportions kept, with a box filter."""
-    scene = renderer.load_scene(source_of(name), settings=renderer.Settings(width=width))
-    return replace(scene, sensor=box_sensor(scene), _kernels={})
+def use_box_filters() -> None:
+    """From here on, every sensor of this process has a box filter, whatever its scene says."""
+    original = rewrite.sensor_dict
+
+    def boxed(state: Any, width: int | None, height: int | None) -> dict[str, Any]:
+        description = original(state, width, height)
+        for part in description.values():
+            if isinstance(part, dict) and "width" in part:
+                for key in [k for k, v in part.items() if isinstance(v, dict)]:
+                    del part[key]
+                part["rfilter"] = {"type": "box"}
+        return description
+
+    rewrite.sensor_dict = boxed
 
 
-def box_sensor(scene: renderer.Scene, **more: Any) -> Any:
-    """The scene's sensor with a box filter; `more` is added to its description, for example a sampler."""
-    description = rewrite.sensor_dict(scene._parsed.state, scene.width, scene.height) | more
-    for part in description.values():
-        if isinstance(part, dict) and "width" in part:
-            for key in [k for k, v in part.items() if isinstance(v, dict)]:
-                del part[key]
-            part["rfilter"] = {"type": "box"}
-    sensor = load_part(scene._parsed, description)
-    sensor.set_scene(scene.mitsuba_scene)
-    return sensor
+def load(name: str, width: int, colour: str = "auto") -> renderer.Scene:
+    """The scene at that width, its proportions kept."""
+    return renderer.load_scene(source_of(name), settings=renderer.Settings(width=width, colour=colour))

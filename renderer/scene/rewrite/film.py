@@ -33,6 +33,8 @@ def sensor_dict(state: Any, width: int | None, height: int | None) -> dict[str, 
                 child = nodes[value.index()]
                 if child.type in (mi.ObjectType.Film, mi.ObjectType.ReconstructionFilter, mi.ObjectType.Texture):
                     made[f"{key}_nested"] = to_dict(child)
+                elif child.type in (mi.ObjectType.Sensor, mi.ObjectType.Shape):  # of a batch; what `distant` looks at
+                    made[key] = to_dict(child)
             else:
                 made[key] = value
         if node.type == mi.ObjectType.Film:
