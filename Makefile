@@ -7,7 +7,7 @@ HOST ?= 127.0.0.1
 # A fixed file instead of the newest releases: the two commands stay repeatable.
 LOCK := requirements.lock
 
-.PHONY: run test check bench test-long test-oracle extremes page thumbnails lock clean help
+.PHONY: run test check bench load test-long test-oracle extremes page thumbnails lock clean help
 
 help: ## Say what each target does
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -47,6 +47,9 @@ bench: $(VENV)/.ready ## Speed and error at equal time against Mitsuba's path, a
 
 extremes: $(VENV)/.ready ## Light kept at every scale and distance, with Mitsuba's beside it
 	$(BIN)/python -m tests.extremes
+
+load: $(VENV)/.ready ## The service under 200 jobs, 50 streams and 20 pollers, as a table
+	$(BIN)/python -m tests.load
 
 thumbnails: $(VENV)/.ready ## Render the gallery's thumbnails again
 	$(BIN)/python -m renderer.scene.gallery.make_thumbnails
