@@ -1,4 +1,4 @@
-"""The command `fredholm`: render, inspect, measure, merge, gallery, serve."""
+"""The command `fredholm`: render, inspect, measure, merge, gallery, serve, key."""
 
 from __future__ import annotations
 
@@ -346,6 +346,9 @@ def serve(
 
 def main() -> None:
     """Entry point: errors of ours become one sentence and an exit code."""
+    from service.key_commands import app as key_commands  # the command knows the service; the renderer does not
+
+    app.add_typer(key_commands, name="key")
     try:
         app()
     except FredholmError as problem:

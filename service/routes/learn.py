@@ -10,9 +10,10 @@ from fastapi import APIRouter, Path, Query, Response
 from renderer.errors import SceneError
 from renderer.scene import gallery
 from service import frames
+from service.access import Reader
 from service.context import Service, ServiceContext
 from service.engine import learning
-from service.engine.local import Lost
+from service.engine.interface import Lost, run_within
 from service.engine.turn import Failure
 from service.errors import ProblemError, not_found, refused
 from service.messages import FirstVertex, RunningMoments, Technique
@@ -33,6 +34,7 @@ Row = Annotated[int, Query(ge=0, description="row, 0 at the top")]
 async def first_vertex(
     scene: Scene,
     service: ServiceContext,
+    caller: Reader,
     x: Column,
     y: Row,
     n: Annotated[int, Query(ge=1, le=4096, description="directions of each technique")] = 256,
@@ -49,6 +51,7 @@ async def first_vertex(
 async def incident_radiance(
     scene: Scene,
     service: ServiceContext,
+    caller: Reader,
     x: Column,
     y: Row,
     replicates: Annotated[int, Query(ge=2, le=_MAX_REPLICATES, description="of 4 samples, per direction")] = 8,
@@ -65,6 +68,7 @@ async def incident_radiance(
 async def running_estimate(
     scene: Scene,
     service: ServiceContext,
+    caller: Reader,
     x: Column,
     y: Row,
     technique: Technique = "mis",
@@ -89,7 +93,7 @@ def _pixel(scene: str, x: int, y: int) -> learning.Pixel:
 
 async def _ask(service: Service, call: Callable[..., T | Failure], *arguments: object) -> T:
     try:
-        answer = await service.engine.submit(call, *arguments, deadline=_DEADLINE_SECONDS)
+        answer = await run_within(service.engine, _DEADLINE_SECONDS, call, *arguments)
     except Lost as lost:
         raise ProblemError(503, "renderer-lost", "The renderer was lost", f"{lost}; ask again.") from None
     if isinstance(answer, Failure):
