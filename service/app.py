@@ -15,10 +15,12 @@ from service import errors, openapi
 from service.context import Service
 from service.headers import SecurityHeaders
 from service.page import Page
-from service.routes import docs, events, frames, gallery, health, jobs, learn, scenes
+from service.requests import RequestLog
+from service.routes import docs, events, frames, gallery, health, jobs, learn, scenes, session
 from service.settings import ServiceSettings
 
 API_VERSION = "1"
+LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
 
 
 def create_app(settings: ServiceSettings) -> FastAPI:
@@ -43,10 +45,12 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         openapi_url="/api/openapi.json",
     )
     errors.install(app)
-    app.add_middleware(errors.RequestGuard, max_body_bytes=settings.max_body_bytes)
+    hosts = None if settings.are_keys_required else frozenset({*LOOPBACK_NAMES, settings.host.lower()})
+    app.add_middleware(errors.RequestGuard, max_body_bytes=settings.max_body_bytes, hosts=hosts)
     app.add_middleware(SecurityHeaders)
-    for module in (gallery, scenes, jobs, frames, events, learn, health, docs):
+    app.add_middleware(RequestLog)
+    for module in (gallery, scenes, jobs, frames, events, learn, health, session, docs):
         app.include_router(module.router)
-    app.mount("/", Page(settings.static_dir), name="page")
+    app.mount("/", Page(settings.static_dir, settings.are_keys_required), name="page")
     app.openapi = functools.partial(openapi.describe, app)
     return app

@@ -1,25 +1,116 @@
-"""Which job gets the renderer next. Pure: nothing is rendered while deciding."""
+"""Which job gets the renderer next, and which client may start one. Pure: nothing is rendered while deciding.
+
+A client's *share* is the render time that it has had. First pictures go before refinement, as long as their client is
+not far ahead of the others; then the client with the smallest share; within a client priority, then turns.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+
+# Render seconds that a client may be ahead of the others and still have its first pictures before their refinement:
+# a flood of new jobs from one client must not stop everyone else.
+PREVIEW_CREDIT = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A running job as the dispatcher sees it. last_turn: number of its latest turn, 0 if it had none."""
+    """A running job as the dispatcher sees it.
+
+    last_turn: number of its latest turn, 0 if it had none. is_loaded: its scene is compiled in the renderer.
+    """
 
     job_id: str
     number: int
     has_picture: bool
     last_turn: int
+    client_id: str = ""
+    priority: int = 0
+    is_loaded: bool = False
 
 
-def next_job(running: Iterable[Candidate]) -> str | None:
-    """A job's first picture goes before anyone's refinement; then in turn, the longest waiting first."""
-    order = sorted(running, key=lambda job: (job.has_picture, job.last_turn, job.number))
-    return order[0].job_id if order else None
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """A queued job as the dispatcher sees it."""
+
+    job_id: str
+    number: int
+    has_picture: bool
+    client_id: str = ""
+    priority: int = 0
+
+    @property
+    def rank(self) -> tuple[bool, int, int]:
+        """Its place among the queued jobs of its client: one without any picture first."""
+        return self.has_picture, -self.priority, self.number
+
+
+class Shares:
+    """Render seconds that each client has had. One that comes back does not make up for the time it was away."""
+
+    def __init__(self) -> None:
+        self._used: defaultdict[str, float] = defaultdict(float)
+
+    def enter(self, client_id: str, active: Iterable[str]) -> None:
+        """A client without running jobs starts one; active: the clients that have some."""
+        others = [self._used[one] for one in active if one != client_id]
+        self._used[client_id] = max(self._used[client_id], min(others, default=0.0))
+
+    def charge(self, client_id: str, seconds: float) -> None:
+        """A turn has taken `seconds`."""
+        self._used[client_id] += seconds
+
+    def of(self, client_id: str) -> float:
+        """The share of a client."""
+        return self._used[client_id]
+
+
+def next_job(running: Iterable[Candidate], shares: Shares | None = None) -> str | None:
+    """The job that has the next turn, None if there is none."""
+    jobs = list(running)
+    if not jobs:
+        return None
+    share = shares.of if shares is not None else lambda _: 0.0
+    least = min(share(job.client_id) for job in jobs)
+    previews = [job for job in jobs if not job.has_picture and share(job.client_id) <= least + PREVIEW_CREDIT]
+    if previews:
+        chosen = min(
+            previews,
+            key=lambda job: (share(job.client_id), -job.priority, not job.is_loaded, job.last_turn, job.number),
+        )
+    else:
+        chosen = min(
+            jobs, key=lambda job: (share(job.client_id), job.has_picture, -job.priority, job.last_turn, job.number)
+        )
+    return chosen.job_id
+
+
+def start_order(queued: Iterable[Waiting], running: Mapping[str, int]) -> list[str]:
+    """Ids of the queued jobs in the order in which they will start: the client with the fewest running jobs first.
+
+    running: how many jobs of each client run now.
+    """
+    lines: defaultdict[str, list[Waiting]] = defaultdict(list)
+    for job in queued:
+        lines[job.client_id].append(job)
+    for line in lines.values():
+        line.sort(key=lambda job: job.rank, reverse=True)
+    started = Counter(running)
+    order: list[str] = []
+    while lines:
+        client = min(lines, key=lambda one: (started[one], lines[one][-1].rank))
+        order.append(lines[client].pop().job_id)
+        started[client] += 1
+        if not lines[client]:
+            del lines[client]
+    return order
+
+
+def may_start(client_id: str, running: Mapping[str, int], slots: int) -> bool:
+    """Whether a client may start a job now. A client with no running job need not wait for the others' to end."""
+    return sum(running.values()) < slots or running.get(client_id, 0) == 0
 
 
 def seconds_until_start(position: int, remaining: Sequence[float | None], slots: int) -> float | None:
@@ -36,7 +127,7 @@ def seconds_until_start(position: int, remaining: Sequence[float | None], slots:
 
 
 def seconds_left(
-    target: dict[str, float | None], progress_seconds: float, spp: float, forecast: float | None
+    target: Mapping[str, float | None], progress_seconds: float, spp: float, forecast: float | None
 ) -> float | None:
     """Render seconds that a running job still needs: the limit that is reached first. None while unknown."""
     ends: list[float] = []

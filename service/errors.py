@@ -23,7 +23,16 @@ log = structlog.get_logger("service.errors")
 class ProblemError(Exception):
     """An answer that is a problem: raise it from anywhere in a request."""
 
-    def __init__(self, status: int, kind: str, title: str, detail: str, errors: list[FieldError] | None = None) -> None:
+    def __init__(
+        self,
+        status: int,
+        kind: str,
+        title: str,
+        detail: str,
+        errors: list[FieldError] | None = None,
+        headers: dict[str, str] | None = None,
+    ) -> None:
+        self.headers = headers
         self.problem = Problem(type=f"urn:fredholm:{kind}", title=title, status=status, detail=detail, errors=errors)
         super().__init__(detail)
 
@@ -50,15 +59,15 @@ def too_large(limit_bytes: int) -> ProblemError:
     )
 
 
-def answer(problem: Problem) -> JSONResponse:
+def answer(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
     """A problem as a response."""
     body = problem.model_dump(exclude_none=True)
-    return JSONResponse(body, status_code=problem.status, media_type=MEDIA_TYPE)
+    return JSONResponse(body, status_code=problem.status, media_type=MEDIA_TYPE, headers=headers)
 
 
 async def _on_problem(_request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, ProblemError)
-    return answer(error.problem)
+    return answer(error.problem, error.headers)
 
 
 async def _on_invalid(_request: Request, error: Exception) -> JSONResponse:
@@ -133,16 +142,25 @@ def install(app: FastAPI) -> None:
 
 
 class RequestGuard:
-    """Refuses bodies over the limit while they arrive, and changes asked for by foreign web pages."""
+    """Refuses bodies over the limit while they arrive, and what foreign web pages ask for.
 
-    def __init__(self, app: ASGIApp, max_body_bytes: int) -> None:
+    hosts: names under which the service may be asked; None: any. Where no key is needed, a page of another site could
+    otherwise give its own name this machine's address, and ask as if it were ours.
+    """
+
+    def __init__(self, app: ASGIApp, max_body_bytes: int, hosts: frozenset[str] | None) -> None:
         self._app = app
         self._max_body_bytes = max_body_bytes
+        self._hosts = hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
             return await self._app(scope, receive, send)
         request = Request(scope)
+        if self._hosts is not None and _host_name(request) not in self._hosts:
+            detail = "Without keys this service answers to names of this machine only: set FREDHOLM_API_KEYS=on."
+            problem = ProblemError(421, "unknown-host", "Asked under an unknown name", detail).problem
+            return await answer(problem)(scope, receive, send)
         # A browser tells where a request comes from; a page of another site must not start or cancel jobs
         # here.
         if request.method not in ("GET", "HEAD") and request.headers.get("sec-fetch-site") == "cross-site":
@@ -165,3 +183,9 @@ class RequestGuard:
             return message
 
         await self._app(scope, counted, send)
+
+
+def _host_name(request: Request) -> str:
+    """The name under which the service was asked, without its port."""
+    host = request.headers.get("host", "").lower()
+    return host[1:].partition("]")[0] if host.startswith("[") else host.partition(":")[0]

@@ -68,6 +68,12 @@ class EstimateFiles:
         for path in sorted((self.folder / job_id).glob("[0-9]*.exr"))[:-_KEPT_ESTIMATES]:
             path.unlink(missing_ok=True)
 
+    def keep_only(self, job_id: str, checkpoint: str | None) -> None:
+        """Remove all saved estimates of a job that has ended but one, and what a killed process left half written."""
+        for path in (self.folder / job_id).glob("*"):
+            if f"{job_id}/{path.name}" != checkpoint:
+                path.unlink(missing_ok=True)
+
     def remove(self, job_id: str) -> None:
         """Remove all saved estimates of a job."""
         shutil.rmtree(self.folder / job_id, ignore_errors=True)

@@ -20,13 +20,19 @@ _QUEUE_LIMIT = 1000
 
 
 class Subscription:
-    """What one client has yet to be told."""
+    """What one client has yet to be told. scope: whose jobs it hears of; None: of all."""
 
-    def __init__(self) -> None:
+    def __init__(self, caller: str = "", scope: str | None = None) -> None:
+        self.caller = caller
+        self._scope = scope
         self._transitions: deque[EventRecord] = deque()
         self._progress: dict[str, ProgressMessage] = {}
         self._news = asyncio.Event()
         self._is_closed = False
+
+    def hears(self, client_id: str) -> bool:
+        """Whether a client's jobs are its business."""
+        return self._scope in (None, client_id)
 
     def tell_transition(self, event: EventRecord) -> None:
         """Queue a transition; a full queue ends the subscription."""
@@ -90,12 +96,14 @@ class Hub:
                 self._last_event_id = events[-1].id
                 for event in events:
                     for subscription in tuple(self._subscriptions):
-                        subscription.tell_transition(event)
+                        if subscription.hears(event.client_id):
+                            subscription.tell_transition(event)
 
-    def tell_progress(self, progress: ProgressMessage) -> None:
-        """Pass on how a job gets on."""
+    def tell_progress(self, progress: ProgressMessage, client_id: str) -> None:
+        """Pass on how a job of a client gets on."""
         for subscription in tuple(self._subscriptions):
-            subscription.tell_progress(progress)
+            if subscription.hears(client_id):
+                subscription.tell_progress(progress)
 
     async def missed(self, after: int, until: int) -> AsyncIterator[EventRecord]:
         """Transitions from `after` (exclusive) to `until` (inclusive), page by page."""
@@ -109,13 +117,19 @@ class Hub:
                 yield event
             after = events[-1].id
 
-    def subscribe(self) -> Subscription:
+    def subscribe(self, caller: str = "", scope: str | None = None) -> Subscription:
         """A new listener, from now on; unsubscribe it in the end."""
-        subscription = Subscription()
+        subscription = Subscription(caller, scope)
         if self._is_closed:
             subscription.close()
         self._subscriptions.add(subscription)
         return subscription
+
+    def count(self, client_id: str | None = None) -> int:
+        """Open streams, of one client or of all."""
+        if client_id is None:
+            return len(self._subscriptions)
+        return sum(1 for subscription in self._subscriptions if subscription.caller == client_id)
 
     def unsubscribe(self, subscription: Subscription) -> None:
         """Forget a listener."""

@@ -25,8 +25,8 @@ class _Request(BaseModel):
 class SceneChoice(_Request):
     """Which scene: one of the gallery by name, or an uploaded one by id."""
 
-    gallery: str | None = None
-    id: str | None = None
+    gallery: str | None = Field(default=None, max_length=100)
+    id: str | None = Field(default=None, pattern="^[0-9a-zA-Z_-]{1,64}$")
 
     @model_validator(mode="after")
     def _one_of_both(self) -> Self:
@@ -409,6 +409,20 @@ class FrameHeader(BaseModel):
     clamped: int = Field(description="finite values too large for the frame, shown as the largest")
 
 
+class SessionRequest(_Request):
+    """A key to be kept in a cookie of the browser."""
+
+    key: str = Field(min_length=1, max_length=200)
+
+
+class Session(BaseModel):
+    """Who asks. client null: no keys are asked for."""
+
+    client: str | None
+    role: Literal["read", "submit", "admin"]
+    keys_required: bool
+
+
 class FieldError(BaseModel):
     """One field that was refused."""
 
@@ -433,7 +447,8 @@ class Health(BaseModel):
 
 
 class Readiness(BaseModel):
-    """Whether jobs start at once."""
+    """Whether jobs start at once, and if not, what is missing."""
 
     status: Literal["ready", "starting"]
     renderer: Literal["warm", "starting", "down"]
+    not_ready: list[str]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from starlette.responses import HTMLResponse, Response
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
+from service.access import COOKIE
 from service.reference import page
 
 _NOT_BUILT = page(
@@ -21,12 +23,15 @@ The API works without it: see <a href="docs">its documentation</a>.</p>""",
 class Page(StaticFiles):
     """The folder of the page; a page that says how to build it while there is none."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, are_keys_required: bool = False) -> None:
+        self._are_keys_required = are_keys_required
         super().__init__(directory=folder, html=True, check_dir=False)
         self._index = folder / "index.html"
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """One file of the page."""
+        """One file of the page; the form for a key where the browser has none."""
+        if self._are_keys_required and path in (".", "index.html") and COOKIE not in Request(scope).cookies:
+            return RedirectResponse("login", status_code=303)
         if path in (".", "index.html") and not self._index.is_file():
             return HTMLResponse(_NOT_BUILT, headers={"Cache-Control": "no-cache"})
         response = await super().get_response(path, scope)

@@ -8,49 +8,35 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any, Literal
 
 import structlog
 
-from service.dispatch import Candidate, next_job, seconds_left, seconds_until_start
+from service.dispatch import Shares, may_start, next_job, seconds_until_start
 from service.engine import worker
-from service.engine.local import LocalEngine, Lost
+from service.engine.interface import Engine, Lost, run_within
 from service.engine.turn import Failure, Saved, Turn, TurnResult
 from service.estimates import EstimateFiles
 from service.hub import Hub
+from service.lease import Lease
+from service.live import LiveJob
 from service.messages import ProgressMessage
+from service.metrics import Metrics
 from service.settings import ServiceSettings
 from service.states import IllegalStep, State, Step
-from service.store import JobRecord, JobStore, Progress
+from service.store import JobRecord, JobStore, Superseded
 from service.store.records import iso
 
-# Frames after the last saved one are forgotten when the server dies; their numbers must not come again.
-_SEQ_GAP = 1000
-_CURVE_LIMIT = 400
-_STOP_SECONDS = 1.2  # whoever presses Ctrl-C waits for this; what is not saved by then is rendered again
+_LEAVE_SECONDS = 10.0
 _TOLD_SECONDS = 7 * 86400.0
 _NOT_RUNNING = frozenset({*State} - {State.RUNNING})
-
-
-@dataclass(slots=True)
-class LiveJob:
-    """A running job: what is known of it beyond its row."""
-
-    record: JobRecord
-    progress: Progress
-    checkpoint: str | None
-    curve: list[dict[str, float]]
-    display_path: Path
-    seq: int
-    has_picture: bool
-    last_turn: int = 0
-    wish: Literal[Step.PAUSE, Step.CANCEL] | None = None
-    wants_save: bool = False
-    changed: asyncio.Event = field(default_factory=asyncio.Event)
+# A turn that takes this many times as long as the one before hangs.
+_DEADLINE_FACTOR = 10.0
 
 
 class Runner:
@@ -60,9 +46,11 @@ class Runner:
         self,
         settings: ServiceSettings,
         store: JobStore,
-        engine: LocalEngine,
+        engine: Engine,
         hub: Hub,
         files: EstimateFiles,
+        lease: Lease,
+        metrics: Metrics,
         scene_path: Callable[[JobRecord], str],
     ) -> None:
         self._settings = settings
@@ -70,8 +58,12 @@ class Runner:
         self._engine = engine
         self._hub = hub
         self._files = files
+        self._lease = lease
+        self._metrics = metrics
         self._scene_path = scene_path
         self._live: dict[str, LiveJob] = {}
+        self._shares = Shares()
+        self._loaded: set[str] = set()
         self._wake = asyncio.Event()
         self._turns = 0
         self._is_stopping = False
@@ -95,7 +87,7 @@ class Runner:
         """About when a queued job will start, ISO 8601 in UTC; None while it cannot be told."""
         if queue_position is None:
             return None
-        remaining = [_seconds_left(live) for live in self._live.values()]
+        remaining = [live.seconds_left() for live in self._live.values()]
         seconds = seconds_until_start(queue_position, remaining, self._settings.max_running_jobs)
         if seconds is None or seconds > _TOLD_SECONDS:
             return None
@@ -132,7 +124,7 @@ class Runner:
             try:
                 await asyncio.to_thread(self._store.move, job_id, step, only_from=_NOT_RUNNING, **changes)
             except IllegalStep as error:
-                if error.state is not State.RUNNING:
+                if error.state is not State.RUNNING or self._is_stopping:
                     raise
                 # It was claimed this very moment: it will be among the live ones in the next.
                 await asyncio.sleep(0.02)
@@ -151,23 +143,34 @@ class Runner:
 
     async def start(self) -> None:
         """Take up what an earlier server left running, then run."""
-        for job in await asyncio.to_thread(self._store.running):
-            await asyncio.to_thread(self._store.move, job.id, Step.GIVE_BACK)
+        for job in await asyncio.to_thread(self._lease.take_up_own):
             self._log.info("job continues after a restart", job=job.id, spp=round(job.progress.spp, 1))
         await asyncio.to_thread(lambda: self._files.sweep(self._store.checkpoints()))
+        await self._engine.start()
         self._task = asyncio.create_task(self._run(), name="runner")
 
     async def stop(self) -> None:
-        """Stop after the turn in flight and save what is live; the jobs stay marked as running."""
+        """Stop after the turn in flight and save what is live; the jobs are queued for the next server."""
         self._is_stopping = True
         self._wake.set()
         for live in self._live.values():
             live.changed.set()
         if self._task is not None:
             with contextlib.suppress(TimeoutError, asyncio.CancelledError):
-                await asyncio.wait_for(self._task, _STOP_SECONDS)
-        self._engine.close()
+                await asyncio.wait_for(self._task, self._settings.stop_seconds)
+        await self._engine.close()
         self._files.remove_displays()
+
+    async def keep_leases(self) -> None:
+        """Renew what runs here, queue what others have lost; let go of what others have taken up meanwhile."""
+        held = await asyncio.to_thread(self._lease.renew)
+        for live in self.live_jobs():
+            if held.get(live.record.id, -1) > live.record.attempt:
+                self._abandon(live)
+        if given := await asyncio.to_thread(self._lease.take_up_expired):
+            self._log.warning("jobs of a lost server are queued again", jobs=[job.id for job in given])
+            await self._hub.tell_transitions()
+            self._wake.set()
 
     async def _run(self) -> None:
         if self._settings.warm_up:
@@ -180,22 +183,30 @@ class Runner:
             except Exception:
                 # One job's bad luck (a full disk, a locked database) must not end the service.
                 self._log.exception("turn failed, going on")
+                self._metrics.errors.labels("turn").inc()
                 await asyncio.sleep(1.0)
         for live in self.live_jobs():
-            with contextlib.suppress(Lost):
-                result = await self._engine.submit(worker.retire, self._turn(live), deadline=_STOP_SECONDS)
-                _absorb(live, result)
-                if result.saved is not None:
-                    await self._save(live, result.saved)
+            with contextlib.suppress(Lost, Superseded):
+                live.absorb(await self._call(self._settings.stop_seconds, worker.retire, self._turn(live)))
+                await self._let_go(live, Step.GIVE_BACK)
 
     async def _warm_up(self) -> None:
         try:
-            await self._engine.submit(worker.warm_up, deadline=self._settings.turn_deadline_seconds)
+            await self._call(self._settings.turn_deadline_seconds, worker.warm_up)
             self.renderer_state = "warm"
         except Exception as error:
             # The first job will say what is wrong, to whoever asked for it.
             self.renderer_state = "down"
             self._log.error("renderer did not warm up", cause=str(error))
+
+    async def _call(self, seconds: float, call: Callable[..., Any], *args: object) -> Any:
+        """Run a call in the render process. Raises Lost."""
+        try:
+            return await run_within(self._engine, seconds, call, *args)
+        except Lost:
+            self._loaded.clear()
+            self._metrics.restarts.inc()
+            raise
 
     async def _step(self) -> None:
         """Let the next job have its turn, or wait until there is one."""
@@ -203,57 +214,67 @@ class Runner:
         for live in self.live_jobs():
             if live.wish is not None:
                 await self._leave(live, live.wish)
-        if len(self._live) < self._settings.max_running_jobs:
-            await self._claim()
-        candidates = (
-            Candidate(job_id, live.record.number, live.has_picture, live.last_turn)
-            for job_id, live in self._live.items()
-        )
-        job_id = next_job(candidates)
+        await self._claim()
+        job_id = next_job((live.candidate(self._loaded) for live in self._live.values()), self._shares)
         if job_id is None:
             await self._wake.wait()
         else:
             await self._take_turn(self._live[job_id])
 
     async def _claim(self) -> None:
-        record = await asyncio.to_thread(self._store.claim)
+        """Start the next queued job, if its client may start one now."""
+        queue = await asyncio.to_thread(self._store.queue)
+        running = Counter(live.record.client_id for live in self._live.values())
+        if not queue or not may_start(queue[0].client_id, running, self._settings.max_running_jobs):
+            return
+        client_id = queue[0].client_id
+        record = await asyncio.to_thread(self._lease.claim, client_id)
         if record is None:
             return
-        self._live[record.id] = LiveJob(
-            record=record,
-            progress=record.progress,
-            checkpoint=record.checkpoint,
-            curve=list(record.curve),
-            display_path=self._files.display_path(record),
-            seq=record.progress.frame_seq + (_SEQ_GAP if record.attempt > 1 else 0),
-            has_picture=record.checkpoint is not None,
+        if running[client_id] == 0:
+            self._shares.enter(client_id, running)
+        self._live[record.id] = LiveJob.of(record, self._files.display_path(record))
+        if record.progress.frame_seq == 0:
+            self._metrics.waits.observe(_seconds_since(record.created_at))
+        self._log.info(
+            "job started", job=record.id, scene=record.scene_name, attempt=record.attempt, client=client_id or None
         )
-        self._log.info("job started", job=record.id, scene=record.scene_name, attempt=record.attempt)
         await self._hub.tell_transitions()
 
     async def _take_turn(self, live: LiveJob) -> None:
         self._turns += 1
         live.last_turn = self._turns
+        before, began = live.progress, time.perf_counter()
+        # A first turn loads and compiles the scene too: how long that takes is not known.
+        expected = _DEADLINE_FACTOR * live.turn_seconds
         try:
-            result = await self._engine.submit(
-                worker.advance, self._turn(live), deadline=self._settings.turn_deadline_seconds
-            )
+            deadline = max(self._settings.turn_deadline_seconds, expected)
+            result: TurnResult = await self._call(deadline, worker.advance, self._turn(live))
         except Lost as lost:
-            await self._start_again(live, str(lost))
+            await self._start_again(live, lost)
             return
+        finally:
+            live.turn_seconds = time.perf_counter() - began
+            self._shares.charge(live.record.client_id, live.turn_seconds)
+        if self._live.get(live.record.id) is not live:
+            return  # another server has taken it up meanwhile
         self.renderer_state = "warm"
+        self._loaded.add(live.record.scene_ref)
         if result.failure is not None:
             await self._fail(live, result.failure)
             return
-        _absorb(live, result)
+        live.absorb(result)
+        self._metrics.turn(live.turn_seconds, live.progress.samples - before.samples)
+        if not live.has_picture:
+            self._metrics.first_pictures.observe(_seconds_since(live.record.created_at))
         live.has_picture = True
         if result.stopped_by is not None:
             await self._end(live, Step.FINISH, stopped_by=result.stopped_by)
             return
         if result.saved is not None:
             await self._save(live, result.saved)
-        self._hub.tell_progress(ProgressMessage.of(live.record, live.progress))
-        _notify(live)
+        self._hub.tell_progress(ProgressMessage.of(live.record, live.progress), live.record.client_id)
+        live.notify()
 
     def _turn(self, live: LiveJob) -> Turn:
         record = live.record
@@ -276,27 +297,35 @@ class Runner:
     async def _save(self, live: LiveJob, saved: Saved) -> None:
         """Name the newly saved estimate together with the progress it holds."""
         curve = [point for point in live.curve if point["seconds"] <= saved.progress.seconds]
-        await asyncio.to_thread(self._store.save, live.record, saved.progress, curve, saved.name)
-        await asyncio.to_thread(self._files.prune, live.record.id)
+        if await asyncio.to_thread(self._store.save, live.record, saved.progress, curve, saved.name):
+            await asyncio.to_thread(self._files.prune, live.record.id)
+        else:
+            self._abandon(live)
 
     async def _leave(self, live: LiveJob, step: Literal[Step.PAUSE, Step.CANCEL]) -> None:
         """Take a job from the renderer with all that was rendered."""
         try:
-            _absorb(live, await self._engine.submit(worker.retire, self._turn(live), deadline=10.0))
+            live.absorb(await self._call(_LEAVE_SECONDS, worker.retire, self._turn(live)))
         except Lost:
             self._log.warning("job keeps its last saved picture only", job=live.record.id, step=step.value)
         await self._end(live, step, **({"stopped_by": "cancelled"} if step is Step.CANCEL else {}))
 
-    async def _start_again(self, live: LiveJob, why: str) -> None:
+    async def _start_again(self, live: LiveJob, lost: Lost) -> None:
         """After a crash: the same job from its last saved estimate, unless it is to blame too often."""
-        live.record = await asyncio.to_thread(self._store.count_crash, live.record)
+        try:
+            live.record = await asyncio.to_thread(self._store.count_crash, live.record)
+        except Superseded:
+            self._abandon(live)
+            return
         crashes, limit = live.record.crashes, self._settings.crash_limit
-        self._log.warning("job lost its render process", job=live.record.id, crashes=crashes, why=why)
+        self._log.warning("job lost its render process", job=live.record.id, crashes=crashes, why=str(lost))
         if crashes < limit:
             return
+        words = _shown_words(lost.last_words)
         failure = Failure(
             title="The render process died",
-            detail=f"Rendering was tried {crashes} times, and each time {why}. Other jobs are not affected.",
+            detail=f"Rendering was tried {crashes} times, and each time {lost}. Other jobs are not affected."
+            + (f" Its last words: {words}" if words else ""),
             hint="The scene may be damaged or too large for the memory: try fewer pixels or a simpler scene.",
         )
         await self._fail(live, failure)
@@ -307,50 +336,50 @@ class Runner:
         await self._end(live, Step.FAIL, cause=cause)
 
     async def _end(self, live: LiveJob, step: Step, **changes: Any) -> None:
-        """Record that a job runs no longer, with all that is known of it, and let go of it."""
-        record = live.record
-        changes |= {"progress": live.progress, "curve": live.curve, "checkpoint": live.checkpoint}
-        ended = await asyncio.to_thread(self._store.move, record.id, step, warnings=list(record.warnings), **changes)
-        del self._live[record.id]
+        """Record that a job runs no longer, and remove the files it needs no more."""
+        try:
+            ended = await self._let_go(live, step, **changes)
+        except Superseded:
+            self._abandon(live)
+            return
+        self._metrics.ended.labels(ended.state.value).inc()
         self._log.info(
             "job left the renderer",
-            job=record.id,
+            job=ended.id,
             state=ended.state.value,
             stopped_by=ended.stopped_by,
             error=ended.progress.error,
             spp=round(ended.progress.spp, 1),
             seconds=round(ended.progress.seconds, 2),
         )
-        await self._hub.tell_transitions()
-        _notify(live)
-        await asyncio.to_thread(self._files.prune, record.id)
+        await asyncio.to_thread(self._files.keep_only, ended.id, ended.checkpoint)
         live.display_path.unlink(missing_ok=True)
 
+    async def _let_go(self, live: LiveJob, step: Step, **changes: Any) -> JobRecord:
+        """Record a step together with all that is known of the job. Raises Superseded."""
+        record = live.record
+        changes |= {"progress": live.progress, "curve": live.curve, "checkpoint": live.checkpoint}
+        changes["warnings"] = list(record.warnings)
+        moved = await asyncio.to_thread(self._store.move, record.id, step, attempt=record.attempt, **changes)
+        self._live.pop(record.id, None)
+        await self._hub.tell_transitions()
+        live.notify()
+        return moved
 
-def _absorb(live: LiveJob, result: TurnResult) -> None:
-    """Note what a turn told."""
-    if result.progress is not None:
-        live.progress = result.progress
-        live.seq = result.progress.frame_seq
-    if result.saved is not None:
-        live.checkpoint = result.saved.name
-        live.wants_save = live.wants_save and result.saved.progress.seconds < live.progress.seconds
-    if result.warnings and result.warnings != live.record.warnings:
-        live.record = replace(live.record, warnings=result.warnings)
-    live.curve.extend(result.curve)
-    if len(live.curve) > _CURVE_LIMIT:
-        # The convergence chart is logarithmic: of the older points every other one is enough.
-        half = len(live.curve) // 2
-        live.curve = live.curve[:half:2] + live.curve[half:]
-
-
-def _seconds_left(live: LiveJob) -> float | None:
-    told = live.progress.forecast
-    forecast = told.get("seconds_left") if told else None
-    return seconds_left(live.record.target, live.progress.seconds, live.progress.spp, forecast)
+    def _abandon(self, live: LiveJob) -> None:
+        """Another server has taken the job up: what is here counts no more."""
+        self._log.warning("job is run by another server now", job=live.record.id)
+        if self._live.get(live.record.id) is live:
+            del self._live[live.record.id]
+        live.notify()
 
 
-def _notify(live: LiveJob) -> None:
-    """Wake those who wait for this job now; whoever waits later waits for the next change."""
-    live.changed.set()
-    live.changed.clear()
+def _seconds_since(moment: str) -> float:
+    return max(0.0, (datetime.now(UTC) - datetime.fromisoformat(moment)).total_seconds())
+
+
+def _shown_words(words: str) -> str:
+    """The last line with anything in it, short, without the folders of this machine."""
+    lines = [line.strip() for line in words.splitlines() if line.strip()]
+    kept = next((line for line in reversed(lines) if not line.startswith(("File ", "Thread ", "Extension "))), "")
+    return " ".join(part.rpartition("/")[2] if "/" in part else part for part in kept.split())[:300]

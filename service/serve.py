@@ -15,12 +15,15 @@ import structlog
 import uvicorn
 from fastapi import FastAPI
 from pydantic import ValidationError
+from sqlalchemy.exc import SQLAlchemyError
 
 from renderer.errors import FredholmError
 from service.app import create_app
 from service.data_lock import DataFolderInUse, DataLock
 from service.logs import configure
+from service.protocol import LimitedProtocol
 from service.settings import ServiceSettings
+from service.store import Database, DatabaseError
 
 _GRACE_SECONDS = 2
 
@@ -46,13 +49,19 @@ def run(
 ) -> None:
     """Serve until interrupted. What is None comes from the environment or its default. Raises ServeError."""
     given = {"host": host, "port": port, "data_dir": data_dir}
-    settings = _settings({name: value for name, value in given.items() if value is not None})
+    settings = settings_from({name: value for name, value in given.items() if value is not None})
     configure(settings)
+    _check_reach(settings)
     listening = _listen(settings.host, settings.port)
-    _check_data_dir(settings.data_dir)
+    _check_data(settings)
     app = create_app(settings)
     config = uvicorn.Config(
-        app, log_config=None, access_log=False, timeout_graceful_shutdown=_GRACE_SECONDS, server_header=False
+        app,
+        http=LimitedProtocol,
+        log_config=None,
+        access_log=False,
+        timeout_graceful_shutdown=_GRACE_SECONDS,
+        server_header=False,
     )
     address = _address(settings.host, listening.getsockname()[1])
     structlog.get_logger("service").info("serving", address=address, data=str(settings.data_dir))
@@ -63,7 +72,16 @@ def run(
         _Server(config, app).run(sockets=[listening])
 
 
-def _settings(given: dict[str, object]) -> ServiceSettings:
+def _check_reach(settings: ServiceSettings) -> None:
+    if not settings.are_keys_required and not settings.is_loopback:
+        raise ServeError(
+            f"without API keys anyone who reaches {settings.host} could use this machine; "
+            "listen on 127.0.0.1, or leave FREDHOLM_API_KEYS on and create a key with `fredholm key create`"
+        )
+
+
+def settings_from(given: dict[str, object]) -> ServiceSettings:
+    """Settings from the environment and what is given. Raises ServeError."""
     try:
         return ServiceSettings(**given)  # type: ignore[arg-type]
     except ValidationError as error:
@@ -93,16 +111,27 @@ def _listen(host: str, port: int) -> socket.socket:
     return listening
 
 
-def _check_data_dir(folder: Path) -> None:
+def _check_data(settings: ServiceSettings) -> None:
+    """Whether folder and database can be used, as one sentence instead of a trace out of the running server."""
+    folder = settings.data_dir
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = DataLock(folder)
         lock.take()
-        lock.release()
-    except DataFolderInUse as error:
+        try:
+            database = Database(settings.resolved_database_url)
+            database.create_tables()
+            database.belong_to(settings.data_identity())
+            database.close()
+        finally:
+            lock.release()
+    except (DataFolderInUse, DatabaseError) as error:
         raise ServeError(str(error)) from None
     except OSError as error:
         raise ServeError(f"cannot write to {folder}: {error.strerror}; choose another folder with --data") from None
+    except SQLAlchemyError as error:
+        cause = str(getattr(error, "orig", None) or error).strip().splitlines()[0]
+        raise ServeError(f"the database cannot be used ({cause}); check FREDHOLM_DATABASE_URL") from None
 
 
 def _address(host: str, port: int) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ipaddress
 import os
+import secrets
 import sys
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -32,6 +35,14 @@ class ServiceSettings(BaseSettings):
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; default: SQLite in data_dir")
     static_dir: Path = Field(default=Path(__file__).parent / "static", description="the built page")
 
+    api_keys: Literal["auto", "on", "off"] = Field(default="auto", description="auto: off on a loopback address only")
+    requests_per_second: float = Field(default=50.0, gt=0, description="of one client with a key, on average")
+    requests_burst: int = Field(default=300, ge=1, description="of one client with a key, at once")
+    max_waiting_per_client: int = Field(default=100, ge=1, description="queued jobs of one client")
+    max_streams: int = Field(default=1000, ge=1, description="open event streams")
+    max_streams_per_client: int = Field(default=64, ge=1, description="open event streams of one client")
+    max_samples: int = Field(default=10**13, ge=1, description="pixels × samples per pixel of one job")
+
     max_body_bytes: int = Field(default=64 * MEBIBYTE, ge=1024)
     max_bundle_files: int = Field(default=2000, ge=1)
     max_bundle_bytes: int = Field(default=512 * MEBIBYTE, ge=1024, description="unpacked size of a zip bundle")
@@ -43,7 +54,14 @@ class ServiceSettings(BaseSettings):
 
     turn_seconds: float = Field(default=0.3, gt=0, le=5, description="render time of one job before the next")
     checkpoint_seconds: float = Field(default=5.0, gt=0, description="render time between two saved estimates")
-    turn_deadline_seconds: float = Field(default=120.0, gt=0, description="a turn without answer is killed")
+    turn_deadline_seconds: float = Field(
+        default=120.0, gt=0, description="a turn without answer is killed; longer where ten times the last one is"
+    )
+    stop_seconds: float = Field(default=8.0, gt=0, description="time to save what runs when the service ends")
+    lease_seconds: float = Field(default=15.0, gt=0, description="silence after which other servers take jobs up")
+    heartbeat_seconds: float = Field(default=5.0, gt=0, description="between two renewals of the leases")
+    keep_events_days: float = Field(default=7.0, gt=0, description="changes of state that streams can replay")
+    keep_jobs_days: float | None = Field(default=None, gt=0, description="ended jobs and their images; for ever")
     upload_deadline_seconds: float = Field(default=30.0, gt=0, description="time to check an uploaded scene")
     crash_limit: int = Field(default=3, ge=1, description="render processes a job may crash before it fails")
     warm_up: bool = Field(default=True, description="compile a small scene at start: the first picture comes sooner")
@@ -52,6 +70,19 @@ class ServiceSettings(BaseSettings):
 
     log_json: bool = Field(default=False, description="one JSON object per line instead of text")
     log_level: str = Field(default="info", pattern="^(debug|info|warning|error)$")
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine can reach the service."""
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+    @property
+    def are_keys_required(self) -> bool:
+        """Whether a request needs an API key."""
+        return self.api_keys == "on" or (self.api_keys == "auto" and not self.is_loopback)
 
     @property
     def resolved_database_url(self) -> str:
@@ -67,3 +98,20 @@ class ServiceSettings(BaseSettings):
     def estimates_dir(self) -> Path:
         """One folder per job, with its saved estimates."""
         return self.data_dir / "estimates"
+
+    @property
+    def secret_file(self) -> Path:
+        """The secret with which digests of API keys are made."""
+        return self.data_dir / "secret"
+
+    def data_identity(self) -> str:
+        """A name of the data folder that moves with it; made at first use."""
+        path = self.data_dir / "identity"
+        try:
+            with path.open("x") as file:
+                file.write(secrets.token_hex(16))
+                file.flush()
+                os.fsync(file.fileno())
+        except FileExistsError:
+            pass
+        return path.read_text().strip()

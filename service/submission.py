@@ -8,6 +8,8 @@ from typing import Any
 from renderer.errors import SceneError, SettingsError
 from renderer.region import Region
 from renderer.scene import gallery
+from service.clients import Caller
+from service.dispatch import Waiting
 from service.errors import ProblemError, refused
 from service.messages import ContinueRequest, JobRequest
 from service.settings import ServiceSettings
@@ -15,16 +17,11 @@ from service.states import Step, after
 from service.store import JobRecord, JobStore, NewJob, SceneStore
 
 
-def new_job(request: JobRequest, settings: ServiceSettings, scenes: SceneStore, jobs: JobStore) -> NewJob:
+def new_job(
+    request: JobRequest, caller: Caller, settings: ServiceSettings, scenes: SceneStore, jobs: JobStore
+) -> NewJob:
     """What to queue. Raises ProblemError."""
-    waiting = len(jobs.queue())
-    if waiting >= settings.max_waiting_jobs:
-        raise ProblemError(
-            429,
-            "queue-full",
-            "The queue is full",
-            f"{waiting} jobs wait already, the limit of this service; try again later or cancel some.",
-        )
+    _check_queue(jobs.queue(), caller, settings)
     if request.scene.gallery is not None:
         try:
             built_in = gallery.find(request.scene.gallery)
@@ -33,7 +30,7 @@ def new_job(request: JobRequest, settings: ServiceSettings, scenes: SceneStore, 
         kind, reference, name = "gallery", built_in.name, built_in.title
         film, warnings = (built_in.width, built_in.height), ()
     else:
-        uploaded = scenes.get(request.scene.id or "")
+        uploaded = scenes.get(request.scene.id or "", caller.scope)
         if uploaded is None:
             raise refused("scene.id", f"there is no uploaded scene {request.scene.id!r}; upload it first")
         kind, reference, name = "upload", uploaded.id, uploaded.name
@@ -50,10 +47,32 @@ def new_job(request: JobRequest, settings: ServiceSettings, scenes: SceneStore, 
             Region.of(request.target.region).scope(width, height)
         except SettingsError as error:
             raise refused("target.region", str(error)) from None
+    if (spp := request.target.spp) is not None and spp * width * height > settings.max_samples:
+        most = settings.max_samples // (width * height)
+        raise refused("target.spp", f"{spp} of {width}×{height} pixels are too many; this service allows {most}")
     resolved = request.settings.model_dump() | {"width": width, "height": height}
     return NewJob(
-        name, kind, reference, name, request.target.model_dump(), resolved, warnings, priority=request.priority
+        name,
+        kind,
+        reference,
+        name,
+        request.target.model_dump(),
+        resolved,
+        warnings,
+        client_id=caller.client_id,
+        priority=request.priority,
     )
+
+
+def _check_queue(queue: list[Waiting], caller: Caller, settings: ServiceSettings) -> None:
+    own = sum(1 for waiting in queue if waiting.client_id == caller.client_id)
+    limits = [(len(queue), settings.max_waiting_jobs, "the limit of this service")]
+    if caller.client_id:
+        limits.append((own, settings.max_waiting_per_client, "the limit of one client"))
+    for count, most, whose in limits:
+        if count >= most:
+            detail = f"{count} jobs wait already, {whose}; try again later or cancel some."
+            raise ProblemError(429, "queue-full", "The queue is full", detail, headers={"Retry-After": "30"})
 
 
 def request_digest(request: JobRequest) -> str:

@@ -21,23 +21,27 @@ from typing import TypeVar
 import structlog
 
 from service.engine import worker
+from service.engine.interface import Lost
+
+__all__ = ["LocalEngine", "Lost"]
 
 T = TypeVar("T")
-
-
-class Lost(Exception):
-    """The render process died or was killed during the call: the same call may be made again."""
+_WORDS_BYTES = 4096
 
 
 class LocalEngine:
     """A pool of one spawned process. displays: folder that it removes should its server die."""
 
     def __init__(self, name: str, displays: Path | None = None) -> None:
+        self._name = name
         self._displays = displays
         self._pool: ProcessPoolExecutor | None = None
         self._one_at_a_time = asyncio.Lock()
         self._log = structlog.get_logger("service.engine").bind(engine=name)
+        self._words: Path | None = None
+        self._heard = 0
         self.pid: int | None = None
+        self.restarts = -1
 
     async def submit(self, call: Callable[..., T], *args: object, deadline: float) -> T:
         """Run `call(*args)` in the process, within `deadline` seconds.
@@ -48,15 +52,20 @@ class LocalEngine:
             try:
                 running = asyncio.wrap_future(await self._begin(call, *args))
                 # Shielded: on a timeout the process is killed, and the future ends by that.
-                return await asyncio.wait_for(asyncio.shield(running), deadline)
+                value = await asyncio.wait_for(asyncio.shield(running), deadline)
             except BrokenProcessPool:
-                self._log.warning("render process died", pid=self.pid)
+                how, words = self._how_it_ended(), self._new_words()
+                self._log.warning("render process died", pid=self.pid, how=how, last_words=words)
                 self._discard()
-                raise Lost("the render process died") from None
+                raise Lost(f"the render process died ({how})", words) from None
             except TimeoutError:
+                words = self._new_words()
                 self._log.warning("render process missed its deadline", pid=self.pid, deadline=deadline)
                 self._discard()
-                raise Lost(f"the render process gave no answer within {deadline:g} s") from None
+                raise Lost(f"the render process gave no answer within {deadline:g} s", words) from None
+            if words := self._new_words():
+                self._log.warning("render process says", pid=self.pid, words=words)
+            return value
 
     async def _begin(self, call: Callable[..., T], *args: object) -> Future[T]:
         """Hand a call to the process. One that died while it had nothing to do is nobody's fault."""
@@ -70,22 +79,51 @@ class LocalEngine:
 
     async def _open(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("spawn")
+        self.restarts += 1
+        self._heard = 0
+        self._words = self._displays / f"{self._name}-{self.restarts}.words" if self._displays else None
         pool = self._pool = ProcessPoolExecutor(
-            1, mp_context=context, initializer=worker.begin, initargs=(self._displays,)
+            1, mp_context=context, initializer=worker.begin, initargs=(self._displays, self._words)
         )
         self.pid = await asyncio.wrap_future(pool.submit(os.getpid))
         self._log.info("render process started", pid=self.pid)
         return pool
 
-    def _discard(self) -> None:
-        """Kill the process, whatever it is doing, and forget the pool."""
-        pool, self._pool = self._pool, None
-        pid, self.pid = self.pid, None
-        if pid is not None:
+    def _how_it_ended(self) -> str:
+        """By which signal or exit code."""
+        processes = getattr(self._pool, "_processes", None) or {}
+        code = next((process.exitcode for process in processes.values()), None)
+        if code is None:
+            return "for an unknown reason"
+        return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+
+    def _new_words(self) -> str:
+        """What the process has written to its error stream since this was last asked, at most its last part."""
+        if self._words is None:
+            return ""
+        with contextlib.suppress(OSError), self._words.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            if size > self._heard:
+                file.seek(max(self._heard, size - _WORDS_BYTES))
+                self._heard = size
+                return file.read().decode(errors="replace").strip()
+        return ""
+
+    def kill(self) -> None:
+        """Kill the process, whatever it is doing: the call in it is lost."""
+        if self.pid is not None:
             with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+                os.kill(self.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+
+    def _discard(self) -> None:
+        """Kill the process and forget the pool."""
+        self.kill()
+        pool, self._pool = self._pool, None
+        self.pid = None
         if pool is not None:
             pool.shutdown(wait=False, cancel_futures=True)
+        if self._words is not None:
+            self._words.unlink(missing_ok=True)
 
     def close(self) -> None:
         """End the process at once."""

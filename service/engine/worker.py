@@ -6,6 +6,8 @@ moment: every call carries what is needed to begin again from the last saved est
 
 from __future__ import annotations
 
+import contextlib
+import faulthandler
 import logging
 import math
 import multiprocessing
@@ -52,11 +54,20 @@ _runs: dict[tuple[str, int], _Run] = {}
 _writer = ThreadPoolExecutor(1, thread_name_prefix="save")
 
 
-def begin(displays: Path | None) -> None:
-    """Set up a fresh process: it must not outlive its server, nor die of Ctrl-C before it."""
+def begin(displays: Path | None, words: Path | None = None) -> None:
+    """Set up a fresh process: it must not outlive its server, nor die of Ctrl-C before it.
+
+    words: file that takes its error stream, so that the server can say with which words it died.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(10)  # whoever looks at pictures, and the server that sends them, go before whoever makes them
+    if words is not None:
+        with contextlib.suppress(OSError):
+            descriptor = os.open(words, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+            os.dup2(descriptor, 2)
+            os.close(descriptor)
+    faulthandler.enable()
     threading.Thread(target=_exit_with_parent, args=(displays,), name="parent-watch", daemon=True).start()
 
 

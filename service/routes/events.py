@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header
+from fastapi import APIRouter, Depends, Header
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
+from service.access import Reader
+from service.clients import Caller
 from service.context import Service, ServiceContext
+from service.errors import ProblemError
 from service.messages import Deleted, Hello, Job, Ping, ProgressMessage
 from service.store import EventRecord
 from service.store.records import now
@@ -49,24 +53,41 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
 }
 
 
+def _room(service: ServiceContext, caller: Reader) -> Caller:
+    """The caller, if it may open one more stream. Raises ProblemError."""
+    limits = service.settings
+    for count, most in (
+        (service.hub.count(caller.client_id), limits.max_streams_per_client),
+        (service.hub.count(), limits.max_streams),
+    ):
+        if count >= most:
+            service.metrics.refusals.labels("streams").inc()
+            detail = f"{count} event streams are open, the limit here; close one: a single stream tells of all jobs."
+            raise ProblemError(429, "too-many", "Too many event streams", detail, headers={"Retry-After": "10"})
+    return caller
+
+
 @router.get("/events", response_class=EventSourceResponse, responses=_EVENTS)
 async def events(
-    service: ServiceContext, last_event_id: Annotated[str, Header()] = ""
+    service: ServiceContext,
+    caller: Annotated[Caller, Depends(_room)],
+    last_event_id: Annotated[str, Header()] = "",
 ) -> AsyncIterator[ServerSentEvent]:
     """Changes of state, with replay of those after Last-Event-ID, and the progress of running jobs."""
     hub = service.hub
-    subscription = hub.subscribe()
+    subscription = hub.subscribe(caller.client_id, caller.scope)
     try:
         # What happens from here on is queued; what happened before is read from the store.
         until = hub.last_event_id
-        after = int(last_event_id) if last_event_id.isdecimal() and int(last_event_id) <= until else None
+        after = await asyncio.to_thread(_replay_from, service, last_event_id, until)
         hello = Hello(server=service.id, last_event_id=until)
         # With its id, so that a client that sees nothing else still comes back with a Last-Event-ID.
         yield ServerSentEvent(event="hello", data=hello, retry=1000, id=str(until) if after is None else None)
         if after is not None:
             async for event in hub.missed(after, until):
-                yield _transition(service, event)
-            for live in service.runner.live_jobs():
+                if subscription.hears(event.client_id):
+                    yield _transition(service, event)
+            for live in filter(lambda live: subscription.hears(live.record.client_id), service.runner.live_jobs()):
                 yield _progress(ProgressMessage.of(live.record, live.progress))
         async for news in subscription.news(service.settings.ping_seconds):
             if news is None:
@@ -75,6 +96,14 @@ async def events(
                 yield _transition(service, news) if isinstance(news, EventRecord) else _progress(news)
     finally:
         hub.unsubscribe(subscription)
+
+
+def _replay_from(service: Service, last_event_id: str, until: int) -> int | None:
+    """The id after which to replay; None if there is nothing to replay, or too much was forgotten."""
+    if not last_event_id.isdecimal() or len(last_event_id) > 18:
+        return None
+    after = int(last_event_id)
+    return after if service.jobs.first_event_id() - 1 <= after <= until else None
 
 
 def _transition(service: Service, event: EventRecord) -> ServerSentEvent:

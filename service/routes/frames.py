@@ -10,6 +10,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from service import frames
+from service.access import ReadableJob
 from service.context import Service, ServiceContext
 from service.display import Display
 from service.errors import ProblemError, not_found, refused
@@ -40,7 +41,7 @@ _FRAME_ANSWERS: dict[int | str, dict[str, Any]] = {
 
 @router.get("/frames/latest", response_class=Response, responses=_FRAME_ANSWERS)
 async def latest_frame(
-    job_id: str,
+    job: ReadableJob,
     service: ServiceContext,
     after: Annotated[int, Query(ge=0, description="sequence number of the newest frame at hand")] = 0,
     scale: Annotated[Literal["1", "2"], Query(description="2: half the width and height")] = "1",
@@ -49,7 +50,8 @@ async def latest_frame(
     if_none_match: Annotated[str, Header()] = "",
 ) -> Response:
     """The newest frame, if it is newer than `after`."""
-    job = await _current(service, job_id)
+    job = up_to_date(service, job)
+    job_id = job.id
     if job.progress.frame_seq <= after:
         return Response(status_code=204, headers={"X-Frame-Seq": str(job.progress.frame_seq)})
     encoding = frames.choose_encoding(accept_encoding)
@@ -94,23 +96,22 @@ async def _frame_body(
 
 @router.get("/pixel", responses={404: {}, 422: {}})
 async def pixel(
-    job_id: str,
+    job: ReadableJob,
     service: ServiceContext,
     x: Annotated[int, Query(ge=0, description="column")],
     y: Annotated[int, Query(ge=0, description="row, 0 at the top")],
 ) -> Pixel:
     """One pixel with its error bars."""
-    job = await _current(service, job_id)
     for name, value, side in (("x", x, "width"), ("y", y, "height")):
         if value >= job.settings[side]:
             raise refused(name, f"{value} is outside the picture, whose {side} is {job.settings[side]}")
-    return read_pixel(await _display(service, job), x, y)
+    return read_pixel(await _display(service, up_to_date(service, job)), x, y)
 
 
 @router.get("/image.exr", response_class=FileResponse, responses={404: {}})
-async def image_exr(job_id: str, service: ServiceContext) -> FileResponse:
+async def image_exr(job: ReadableJob, service: ServiceContext) -> FileResponse:
     """The newest saved estimate: picture, standard errors, counts and moments in one EXR."""
-    job = await _current(service, job_id)
+    job_id = job.id
     if job.checkpoint is None:
         # A young job has none yet: have one made rather than refuse.
         await service.runner.save_now(job_id)
@@ -118,18 +119,21 @@ async def image_exr(job_id: str, service: ServiceContext) -> FileResponse:
     if job.checkpoint is None:
         raise _no_picture(job)
     path = service.files.path(job.checkpoint)
+    if not path.is_file():
+        raise _no_picture(job)
     return FileResponse(path, media_type="image/x-exr", filename=f"{job.scene_ref}-{job_id}.exr")
 
 
 @router.get("/image.png", response_class=Response, responses={200: {"content": {"image/png": {}}}, 404: {}, 422: {}})
 async def image_png(
-    job_id: str,
+    job: ReadableJob,
     request: Request,
     service: ServiceContext,
     exposure: Annotated[float, Query(ge=-30, le=30, allow_inf_nan=False, description="stops")] = 0.0,
 ) -> Response:
     """The picture as sRGB, clipped: to look at, not to measure."""
-    job = await _current(service, job_id)
+    job = up_to_date(service, job)
+    job_id = job.id
     display = await _display(service, job)
     tag = f'"{job_id}-{display.seq}-{exposure:g}"'
     headers = {"Cache-Control": "no-cache", "ETag": tag}

@@ -7,6 +7,7 @@ from fastapi.responses import FileResponse
 
 from renderer.errors import SceneError
 from renderer.scene import gallery
+from service.access import Reader
 from service.context import ServiceContext
 from service.errors import not_found
 from service.messages import GalleryScene, Requirements
@@ -15,7 +16,7 @@ router = APIRouter(prefix="/api/gallery", tags=["gallery"])
 
 
 @router.get("")
-def list_gallery() -> list[GalleryScene]:
+def list_gallery(caller: Reader) -> list[GalleryScene]:
     """The built-in scenes, easiest to read first."""
     return [
         GalleryScene(
@@ -31,7 +32,7 @@ def list_gallery() -> list[GalleryScene]:
 
 
 @router.get("/{name}/requirements", responses={404: {}})
-async def requirements(name: str, service: ServiceContext) -> Requirements:
+async def requirements(name: str, service: ServiceContext, caller: Reader) -> Requirements:
     """What a built-in scene requires."""
     try:
         gallery.find(name)
@@ -41,7 +42,7 @@ async def requirements(name: str, service: ServiceContext) -> Requirements:
 
 
 @router.get("/{name}/thumbnail.png", response_class=FileResponse, responses={404: {}})
-def thumbnail(name: str) -> FileResponse:
+def thumbnail(name: str, caller: Reader) -> FileResponse:
     """A small picture of a built-in scene."""
     try:
         path = gallery.find(name).thumbnail

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
 
+from service.access import OwnJob, ReadableJob, Reader, Submitter
 from service.context import Service, ServiceContext
 from service.messages import ContinueRequest, Job, JobDetail, JobList, JobRequest
 from service.states import Step
@@ -25,11 +26,15 @@ def up_to_date(service: Service, job: JobRecord) -> JobRecord:
     return replace(job, progress=live.progress, curve=tuple(live.curve), warnings=live.record.warnings)
 
 
+def places_of(service: Service) -> dict[str, int]:
+    """Places in the queue by job, 1 = next."""
+    return {waiting.job_id: place for place, waiting in enumerate(service.jobs.queue(), start=1)}
+
+
 def detail_of(service: Service, job_id: str) -> JobDetail:
     """One job as it is now. Raises JobNotFound."""
     job = up_to_date(service, service.jobs.get(job_id))
-    queue = service.jobs.queue()
-    place = queue.index(job_id) + 1 if job_id in queue else None
+    place = places_of(service).get(job_id)
     return JobDetail.of(job, queue_position=place, expected_start=service.runner.expected_start(place))
 
 
@@ -37,6 +42,7 @@ def detail_of(service: Service, job_id: str) -> JobDetail:
 async def submit_job(
     request: JobRequest,
     service: ServiceContext,
+    caller: Submitter,
     response: Response,
     idempotency_key: Annotated[
         str | None,
@@ -45,9 +51,9 @@ async def submit_job(
 ) -> JobDetail:
     """Queue a picture."""
     digest = request_digest(request) if idempotency_key else None
-    known = await asyncio.to_thread(service.jobs.submitted, "", idempotency_key, digest)
+    known = await asyncio.to_thread(service.jobs.submitted, caller.client_id, idempotency_key, digest)
     if known is None:
-        new = await asyncio.to_thread(new_job, request, service.settings, service.scenes, service.jobs)
+        new = await asyncio.to_thread(new_job, request, caller, service.settings, service.scenes, service.jobs)
         new = replace(new, idempotency_key=idempotency_key, request_digest=digest)
         job, is_new = await asyncio.to_thread(service.jobs.add, new)
     else:
@@ -63,53 +69,52 @@ async def submit_job(
 
 
 @router.get("")
-def list_jobs(service: ServiceContext, limit: Annotated[int, Query(ge=1, le=1000)] = 100) -> JobList:
+def list_jobs(service: ServiceContext, caller: Reader, limit: Annotated[int, Query(ge=1, le=1000)] = 100) -> JobList:
     """The newest jobs, newest first, without their curves."""
-    places = {job_id: place for place, job_id in enumerate(service.jobs.queue(), start=1)}
-    jobs = [up_to_date(service, job) for job in service.jobs.newest(limit)]
+    places = places_of(service)
+    jobs = [up_to_date(service, job) for job in service.jobs.newest(limit, caller.scope)]
     starts = {job.id: service.runner.expected_start(places.get(job.id)) for job in jobs}
     return JobList(jobs=[Job.of(job, queue_position=places.get(job.id), expected_start=starts[job.id]) for job in jobs])
 
 
-@router.get("/{job_id}", responses={404: {}})
-def get_job(job_id: str, service: ServiceContext) -> JobDetail:
+@router.get("/{job_id}", responses={404: {}, 422: {}})
+async def get_job(job: ReadableJob, service: ServiceContext) -> JobDetail:
     """One job with its convergence curve."""
-    return detail_of(service, job_id)
+    return await asyncio.to_thread(detail_of, service, job.id)
 
 
-@router.delete("/{job_id}", status_code=204, responses={404: {}, 409: {}})
-async def delete_job(job_id: str, service: ServiceContext) -> Response:
+@router.delete("/{job_id}", status_code=204, responses={404: {}, 409: {}, 422: {}})
+async def delete_job(job: OwnJob, service: ServiceContext) -> Response:
     """Forget a job that does not run, with its pictures."""
-    await service.runner.delete(job_id)
+    await service.runner.delete(job.id)
     return Response(status_code=204)
 
 
-@router.post("/{job_id}/pause", responses={404: {}, 409: {}})
-async def pause_job(job_id: str, service: ServiceContext) -> JobDetail:
+@router.post("/{job_id}/pause", responses={404: {}, 409: {}, 422: {}})
+async def pause_job(job: OwnJob, service: ServiceContext) -> JobDetail:
     """Take a queued or running job from the renderer, with all that was rendered, until it is resumed."""
-    await service.runner.pause(job_id)
-    return await asyncio.to_thread(detail_of, service, job_id)
+    await service.runner.pause(job.id)
+    return await asyncio.to_thread(detail_of, service, job.id)
 
 
-@router.post("/{job_id}/resume", responses={404: {}, 409: {}})
-async def resume_job(job_id: str, service: ServiceContext) -> JobDetail:
+@router.post("/{job_id}/resume", responses={404: {}, 409: {}, 422: {}})
+async def resume_job(job: OwnJob, service: ServiceContext) -> JobDetail:
     """Queue a paused job again; it goes on where it was."""
-    await service.runner.move(job_id, Step.RESUME)
-    return await asyncio.to_thread(detail_of, service, job_id)
+    await service.runner.move(job.id, Step.RESUME)
+    return await asyncio.to_thread(detail_of, service, job.id)
 
 
-@router.post("/{job_id}/cancel", responses={404: {}, 409: {}})
-async def cancel_job(job_id: str, service: ServiceContext) -> JobDetail:
+@router.post("/{job_id}/cancel", responses={404: {}, 409: {}, 422: {}})
+async def cancel_job(job: OwnJob, service: ServiceContext) -> JobDetail:
     """End a job; its picture so far is kept."""
-    await service.runner.cancel(job_id)
-    return await asyncio.to_thread(detail_of, service, job_id)
+    await service.runner.cancel(job.id)
+    return await asyncio.to_thread(detail_of, service, job.id)
 
 
 @router.post("/{job_id}/continue", responses={404: {}, 409: {}, 422: {}})
-async def continue_job(job_id: str, request: ContinueRequest, service: ServiceContext) -> JobDetail:
+async def continue_job(job: OwnJob, request: ContinueRequest, service: ServiceContext) -> JobDetail:
     """Queue a succeeded or cancelled job again with a new target; no sample is rendered twice."""
-    job = await asyncio.to_thread(service.jobs.get, job_id)
     target = check_continuation(job, request)
     changes = {"finished_at": None, "stopped_by": None, "crashes": 0}
-    await service.runner.move(job_id, Step.CONTINUE, target=target, **changes)
-    return await asyncio.to_thread(detail_of, service, job_id)
+    await service.runner.move(job.id, Step.CONTINUE, target=target, **changes)
+    return await asyncio.to_thread(detail_of, service, job.id)

@@ -10,14 +10,15 @@ from fastapi import APIRouter, Path, Query, Response
 from renderer.errors import SceneError
 from renderer.scene import gallery
 from service import frames
+from service.access import NEEDS_READER
 from service.context import Service, ServiceContext
 from service.engine import learning
-from service.engine.local import Lost
+from service.engine.interface import Lost, run_within
 from service.engine.turn import Failure
 from service.errors import ProblemError, not_found, refused
 from service.messages import FirstVertex, RunningMoments, Technique
 
-router = APIRouter(prefix="/api/learn/{scene}", tags=["learn"])
+router = APIRouter(prefix="/api/learn/{scene}", tags=["learn"], dependencies=[NEEDS_READER])
 
 T = TypeVar("T")
 _DEADLINE_SECONDS = 60.0
@@ -89,7 +90,7 @@ def _pixel(scene: str, x: int, y: int) -> learning.Pixel:
 
 async def _ask(service: Service, call: Callable[..., T | Failure], *arguments: object) -> T:
     try:
-        answer = await service.engine.submit(call, *arguments, deadline=_DEADLINE_SECONDS)
+        answer = await run_within(service.engine, _DEADLINE_SECONDS, call, *arguments)
     except Lost as lost:
         raise ProblemError(503, "renderer-lost", "The renderer was lost", f"{lost}; ask again.") from None
     if isinstance(answer, Failure):

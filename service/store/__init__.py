@@ -1,12 +1,13 @@
 """Truth that outlives processes: jobs, their transitions and scenes, in a database."""
 
-from service.store.database import Database
-from service.store.jobs import JobNotFound, JobStore, KeyUsedOtherwise, StillRunning
+from service.store.database import Database, DatabaseError
+from service.store.jobs import JobNotFound, JobStore, KeyUsedOtherwise, StillRunning, Superseded
 from service.store.records import EventRecord, JobRecord, NewJob, Progress, SceneRecord
 from service.store.scenes import SceneStore
 
 __all__ = [
     "Database",
+    "DatabaseError",
     "EventRecord",
     "JobNotFound",
     "JobRecord",
@@ -17,4 +18,5 @@ __all__ = [
     "SceneRecord",
     "SceneStore",
     "StillRunning",
+    "Superseded",
 ]

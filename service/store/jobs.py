@@ -1,4 +1,4 @@
-"""The verbs of jobs. Every change of state writes its event in the same transaction."""
+"""The verbs of jobs, one statement each. Every change of state writes its event in the same transaction."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import Any
 from sqlalchemy import Connection, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
+from service.dispatch import Waiting, start_order
 from service.states import DELETABLE, ENDED, IllegalStep, State, Step, destination, sources
-from service.store.database import Database
+from service.store.database import Database, keep_event_order
 from service.store.records import (
     EventRecord,
     JobRecord,
@@ -41,6 +42,10 @@ class StillRunning(Exception):
 
     def __init__(self) -> None:
         super().__init__("a job that is running cannot be deleted; cancel it first")
+
+
+class Superseded(Exception):
+    """Another server has taken the job up: what this one still has of it counts no more."""
 
 
 class KeyUsedOtherwise(Exception):
@@ -94,21 +99,27 @@ class JobStore:
         with self._database.read() as connection:
             return _one(connection, job_id)
 
-    def newest(self, limit: int) -> list[JobRecord]:
-        """The newest jobs, newest first, without curves."""
+    def newest(self, limit: int, client_id: str | None = None) -> list[JobRecord]:
+        """The newest jobs, of one client or of all, newest first, without curves."""
         query = select(*_WITHOUT_CURVE).order_by(jobs.c.number.desc()).limit(limit)
+        if client_id is not None:
+            query = query.where(jobs.c.client_id == client_id)
         with self._database.read() as connection:
             return [job_from(row) for row in connection.execute(query).mappings()]
 
-    def queue(self) -> list[str]:
-        """Ids of the queued jobs, next first."""
-        query = select(jobs.c.id).where(jobs.c.state == State.QUEUED).order_by(*_QUEUE_ORDER)
+    def queue(self) -> list[Waiting]:
+        """The queued jobs, next first."""
         with self._database.read() as connection:
-            return list(connection.execute(query).scalars())
+            return _queue(connection)
 
-    def claim(self) -> JobRecord | None:
-        """Start the next queued job, in one statement: no two callers get the same one."""
+    def claim(self, owner: str = "", lease_until: str = "", client_id: str | None = None) -> JobRecord | None:
+        """Start the next queued job of a client or of all, in one statement: no two callers get the same one.
+
+        owner, lease_until: who runs it, and until when it may be silent.
+        """
         waiting = select(jobs.c.id).where(jobs.c.state == State.QUEUED).order_by(*_QUEUE_ORDER).limit(1)
+        if client_id is not None:
+            waiting = waiting.where(jobs.c.client_id == client_id)
         claim = (
             update(jobs)
             .where(jobs.c.id == waiting.with_for_update(skip_locked=True).scalar_subquery())
@@ -116,12 +127,44 @@ class JobStore:
                 state=destination(Step.START),
                 attempt=jobs.c.attempt + 1,
                 started_at=func.coalesce(jobs.c.started_at, now()),
+                lease_owner=owner,
+                lease_until=lease_until,
             )
             .returning(jobs)
         )
         with self._database.write() as connection:
             row = connection.execute(claim).mappings().first()
             return _record(connection, job_from(row)) if row else None
+
+    def renew(self, owner: str, lease_until: str) -> dict[str, int]:
+        """Keep the leases of all jobs that an owner runs; their attempts by id."""
+        statement = (
+            update(jobs)
+            .where(jobs.c.state == State.RUNNING, jobs.c.lease_owner == owner)
+            .values(lease_until=lease_until)
+            .returning(jobs.c.id, jobs.c.attempt)
+        )
+        with self._database.write() as connection:
+            return {row.id: row.attempt for row in connection.execute(statement)}
+
+    def give_back(self, at: str, ended_place: str | None = None) -> list[JobRecord]:
+        """Queue the running jobs whose lease ended before `at`.
+
+        ended_place: owners whose name starts with this are known to have ended, whatever their leases say.
+        """
+        is_over = jobs.c.lease_until < at
+        is_over |= jobs.c.lease_owner.is_(None)
+        if ended_place is not None:
+            is_over |= jobs.c.lease_owner.startswith(ended_place, autoescape=True)
+        statement = (
+            update(jobs)
+            .where(jobs.c.state.in_(sources(Step.GIVE_BACK)), is_over)
+            .values(state=destination(Step.GIVE_BACK), lease_owner=None, lease_until=None)
+            .returning(jobs)
+        )
+        with self._database.write() as connection:
+            given = [job_from(row) for row in connection.execute(statement).mappings()]
+            return [_record(connection, job) for job in sorted(given, key=lambda job: job.number)]
 
     def save(
         self, job: JobRecord, progress: Progress, curve: Sequence[dict[str, float]], checkpoint: str | None
@@ -138,6 +181,7 @@ class JobStore:
                 frame_seq=progress.frame_seq,
                 curve=list(curve),
                 checkpoint=checkpoint,
+                crashes=0,  # it got further than where it crashed
                 warnings=list(job.warnings),
             )
         )
@@ -145,16 +189,18 @@ class JobStore:
             return connection.execute(statement).rowcount == 1
 
     def count_crash(self, job: JobRecord) -> JobRecord:
-        """Note that the render process died under this job; its next attempt begins."""
+        """Note that the render process died under this job; its next attempt begins. Raises Superseded."""
         statement = (
             update(jobs)
-            .where(jobs.c.id == job.id, jobs.c.attempt == job.attempt)
+            .where(jobs.c.id == job.id, jobs.c.attempt == job.attempt, jobs.c.state == State.RUNNING)
             .values(crashes=jobs.c.crashes + 1, attempt=jobs.c.attempt + 1)
             .returning(jobs)
         )
         with self._database.write() as connection:
             row = connection.execute(statement).mappings().first()
-            return job_from(row) if row else _one(connection, job.id)
+            if row is None:
+                raise Superseded(job.id)
+            return job_from(row)
 
     def delete(self, job_id: str) -> None:
         """Forget a job; that it is gone is the last event of it. Raises JobNotFound, StillRunning."""
@@ -165,13 +211,26 @@ class JobStore:
                 _one(connection, job_id)
                 raise StillRunning
             connection.execute(delete(events).where(events.c.job_id == job_id))
+            keep_event_order(connection)
             connection.execute(insert(events).values(job_id=job_id, client_id=row.client_id, at=now(), job=None))
 
     def move(
-        self, job_id: str, step: Step, *, only_from: frozenset[State] = frozenset(State), **changes: Any
+        self,
+        job_id: str,
+        step: Step,
+        *,
+        only_from: frozenset[State] = frozenset(State),
+        attempt: int | None = None,
+        **changes: Any,
     ) -> JobRecord:
-        """Take a step, with further columns changed. Raises JobNotFound, IllegalStep."""
+        """Take a step, with further columns changed.
+
+        attempt: of the caller; one that is no longer the job's changes nothing. Raises JobNotFound, IllegalStep,
+        Superseded.
+        """
         to = destination(step)
+        if to is not State.RUNNING:
+            changes |= {"lease_owner": None, "lease_until": None}
         if to in ENDED:
             changes.setdefault("finished_at", now())
         if isinstance(progress := changes.get("progress"), Progress):
@@ -182,17 +241,23 @@ class JobStore:
             .values(state=to, **changes)
             .returning(jobs)
         )
+        if attempt is not None:
+            statement = statement.where(jobs.c.attempt == attempt)
         with self._database.write() as connection:
             row = connection.execute(statement).mappings().first()
             if row is None:
-                raise IllegalStep(_one(connection, job_id).state, step)
+                found = _one(connection, job_id)
+                if attempt not in (None, found.attempt):
+                    raise Superseded(job_id)
+                raise IllegalStep(found.state, step)
             return _record(connection, job_from(row))
 
-    def running(self) -> list[JobRecord]:
-        """Jobs marked as running."""
-        query = select(*_WITHOUT_CURVE).where(jobs.c.state == State.RUNNING).order_by(jobs.c.number)
+    def counts(self) -> dict[State, int]:
+        """How many jobs are in each state."""
+        query = select(jobs.c.state, func.count()).group_by(jobs.c.state)
         with self._database.read() as connection:
-            return [job_from(row) for row in connection.execute(query).mappings()]
+            found = {state: count for state, count in connection.execute(query)}
+        return {state: found.get(state, 0) for state in State}
 
     def checkpoints(self) -> dict[str, str | None]:
         """The saved estimate of every job."""
@@ -204,6 +269,23 @@ class JobStore:
         query = select(events).where(events.c.id > event_id).order_by(events.c.id).limit(limit)
         with self._database.read() as connection:
             return [event_from(row) for row in connection.execute(query).mappings()]
+
+    def forget_events(self, before: str) -> int:
+        """Delete transitions older than `before`, but never the newest one; how many."""
+        newest = select(func.max(events.c.id)).scalar_subquery()
+        with self._database.write() as connection:
+            return connection.execute(delete(events).where(events.c.at < before, events.c.id < newest)).rowcount
+
+    def ended_before(self, at: str, limit: int) -> list[str]:
+        """Ids of jobs that ended before `at`, oldest first."""
+        query = select(jobs.c.id).where(jobs.c.state.in_(ENDED), jobs.c.finished_at < at)
+        with self._database.read() as connection:
+            return list(connection.execute(query.order_by(jobs.c.number).limit(limit)).scalars())
+
+    def first_event_id(self) -> int:
+        """Id of the oldest transition that is kept, 0 if there is none."""
+        with self._database.read() as connection:
+            return connection.execute(select(func.coalesce(func.min(events.c.id), 0))).scalar_one()
 
     def last_event_id(self) -> int:
         """Id of the newest transition, 0 if there is none."""
@@ -218,12 +300,21 @@ def _one(connection: Connection, job_id: str) -> JobRecord:
     return job_from(row)
 
 
+def _queue(connection: Connection) -> list[Waiting]:
+    """The queued jobs in the order in which they will start."""
+    asked = (jobs.c.id, jobs.c.number, jobs.c.frame_seq, jobs.c.client_id, jobs.c.priority)
+    rows = connection.execute(select(*asked).where(jobs.c.state == State.QUEUED)).all()
+    queued = {row.id: Waiting(row.id, row.number, row.frame_seq > 0, row.client_id, row.priority) for row in rows}
+    counts = select(jobs.c.client_id, func.count()).where(jobs.c.state == State.RUNNING).group_by(jobs.c.client_id)
+    running = {client_id: count for client_id, count in connection.execute(counts)}
+    return [queued[job_id] for job_id in start_order(queued.values(), running)]
+
+
 def _record(connection: Connection, job: JobRecord) -> JobRecord:
     """Write the event of a transition that has just been made, with the job's place in the queue."""
     position = None
     if job.state is State.QUEUED:
-        queue = select(jobs.c.id).where(jobs.c.state == State.QUEUED).order_by(*_QUEUE_ORDER)
-        position = list(connection.execute(queue).scalars()).index(job.id) + 1
+        position = [waiting.job_id for waiting in _queue(connection)].index(job.id) + 1
     row = {
         "job_id": job.id,
         "client_id": job.client_id,
@@ -231,5 +322,6 @@ def _record(connection: Connection, job: JobRecord) -> JobRecord:
         "queue_position": position,
         "job": job_as_json(replace(job, curve=())),
     }
+    keep_event_order(connection)
     connection.execute(insert(events).values(row))
     return job

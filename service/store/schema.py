@@ -34,7 +34,7 @@ jobs = Table(
     Column("progress", JSON, nullable=False),
     Column("curve", JSON, nullable=False),
     Column("stopped_by", Text),
-    Column("cause", JSON),
+    Column("cause", JSON(none_as_null=True)),
     Column("warnings", JSON, nullable=False),
     # The server that runs it, and until when it may be silent before others take the job up.
     Column("lease_owner", Text),
@@ -56,8 +56,9 @@ events = Table(
     Column("client_id", Text, nullable=False, server_default=""),
     Column("at", Text, nullable=False),
     Column("queue_position", Integer),
-    Column("job", JSON),  # the row as it was, without curve; null: the job was deleted
+    Column("job", JSON(none_as_null=True)),  # the row as it was, without curve; null: the job was deleted
     Index("events_by_job", "job_id"),
+    Index("events_by_time", "at"),
     sqlite_autoincrement=True,
 )
 
@@ -94,3 +95,6 @@ api_keys = Table(
     Column("created_at", Text, nullable=False),
     Column("revoked_at", Text),
 )
+
+# The data folder that this database belongs to: its jobs name files in there. One row.
+data_folder = Table("data_folder", metadata, Column("identity", Text, primary_key=True))

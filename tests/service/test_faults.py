@@ -29,19 +29,25 @@ def test_a_killed_render_process_is_replaced_and_the_job_goes_on(server: Server)
     assert lost[-1]["job"] == job_id
 
 
-def test_a_job_that_keeps_killing_its_render_process_fails_and_others_do_not(server: Server) -> None:
+def test_a_job_that_keeps_killing_its_render_process_fails_and_others_do_not(own_server: Server) -> None:
+    own_server.environment |= {"FREDHOLM_CHECKPOINT_SECONDS": "60"}
+    server = own_server.start()
     job_id = server.submit(LONG)["id"]
     for crash in range(3):
         known = len(server.render_pids())
         seen = server.job(job_id)["frame_seq"]
         server.wait(job_id, lambda job, seen=seen: job["frame_seq"] > seen)
-        os.kill(server.render_pids()[-1], signal.SIGKILL)
+        os.kill(server.render_pids()[-1], signal.SIGSEGV)
         if crash < 2:
             wait_for(lambda known=known: len(server.render_pids()) > known, 30, "a new render process")
     job = server.wait_ended(job_id)
     assert job["state"] == "failed"
     assert job["cause"]["title"] == "The render process died"
-    assert "3 times" in job["cause"]["detail"]
+    detail = job["cause"]["detail"]
+    assert "3 times" in detail
+    assert "signal SIGSEGV" in detail
+    assert "last words" in detail
+    assert "/" not in detail
     assert job["cause"]["hint"]
     assert server.wait_ended(server.submit({"spp": 4})["id"])["state"] == "succeeded"
 

@@ -1,11 +1,12 @@
-"""The store: nothing is lost, nothing is done twice."""
+"""The store: nothing is lost, nothing is done twice. The same contract on SQLite and on PostgreSQL."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from sqlalchemy import select, update
@@ -13,7 +14,9 @@ from sqlalchemy import select, update
 from service.states import IllegalStep, State, Step
 from service.store import (
     Database,
+    DatabaseError,
     JobNotFound,
+    JobRecord,
     JobStore,
     KeyUsedOtherwise,
     NewJob,
@@ -21,15 +24,18 @@ from service.store import (
     SceneRecord,
     SceneStore,
     StillRunning,
+    Superseded,
 )
+from service.store.schema import events
 from service.store.schema import jobs as table
 
 NEW = NewJob("Box", "gallery", "cornell-box", "Box", {"error": None, "seconds": 1.0, "spp": None}, {"width": 4})
+LATER = "2999-01-01T00:00:00.000Z"
 
 
 @pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
-    opened = Database(f"sqlite:///{tmp_path / 'test.sqlite'}")
+def database(database_url: str) -> Iterator[Database]:
+    opened = Database(database_url)
     opened.create_tables()
     yield opened
     opened.close()
@@ -111,7 +117,8 @@ def test_concurrent_updates_lose_nothing(database: Database, jobs: JobStore) -> 
     def read_then_write() -> None:
         for _ in range(40):
             with database.write() as connection:
-                seen = connection.execute(select(table.c.crashes).where(table.c.id == job.id)).scalar_one()
+                query = select(table.c.crashes).where(table.c.id == job.id).with_for_update()
+                seen = connection.execute(query).scalar_one()
                 connection.execute(update(table).where(table.c.id == job.id).values(crashes=seen + 1))
 
     in_threads(6, read_then_write)
@@ -133,21 +140,20 @@ def test_a_job_given_back_waits_behind_those_without_a_picture(jobs: JobStore) -
     first = jobs.claim()
     assert first is not None
     jobs.save(first, Progress(frame_seq=5), [], "a.exr")
-    jobs.move(first.id, Step.GIVE_BACK)
+    assert [job.id for job in jobs.give_back(LATER)] == [first.id]
     second, _ = jobs.add(NEW)
-    assert jobs.queue() == [second.id, first.id]
+    assert queued(jobs) == [second.id, first.id]
     claimed = jobs.claim()
     assert claimed is not None
     assert claimed.id == second.id
 
 
-def test_what_was_committed_is_there_for_the_next_process(tmp_path: Path) -> None:
-    url = f"sqlite:///{tmp_path / 'test.sqlite'}"
-    first = Database(url)
+def test_what_was_committed_is_there_for_the_next_process(database_url: str) -> None:
+    first = Database(database_url)
     first.create_tables()
     job = JobStore(first).add(NEW)[0]
     first.close()
-    again = Database(url)
+    again = Database(database_url)
     again.create_tables()
     assert JobStore(again).get(job.id) == job
     again.close()
@@ -199,3 +205,117 @@ def test_one_key_is_one_job_however_many_ask_at_once(jobs: JobStore) -> None:
     other, is_new = jobs.add(replace(new, client_id="someone else"))
     assert is_new
     assert other.id != seen[0][0]
+
+
+def test_a_lease_that_is_renewed_is_kept_and_one_that_ends_is_given_back(jobs: JobStore) -> None:
+    for _ in range(3):
+        jobs.add(NEW)
+    mine = jobs.claim("here#1", "2030-01-01T00:00:00.000Z")
+    others = [jobs.claim("there#1", "2030-01-01T00:00:00.000Z") for _ in range(2)]
+    assert mine is not None
+    assert jobs.renew("here#1", "2030-01-02T00:00:00.000Z") == {mine.id: mine.attempt}
+    given = jobs.give_back("2030-01-01T12:00:00.000Z")
+    assert [job.id for job in given] == [job.id for job in others if job]
+    assert all(job.state is State.QUEUED and job.lease_owner is None for job in given)
+    assert jobs.get(mine.id).state is State.RUNNING
+    assert len(jobs.give_back("2030-01-01T12:00:00.000Z", ended_place="here#")) == 1
+    assert jobs.renew("here#1", LATER) == {}
+
+
+def test_a_server_whose_job_was_given_to_another_changes_nothing(jobs: JobStore) -> None:
+    jobs.add(NEW)
+    zombie = jobs.claim("a", "2030-01-01T00:00:00.000Z")
+    jobs.give_back(LATER)
+    current = jobs.claim("b", LATER)
+    assert zombie is not None
+    assert current is not None
+    assert not jobs.save(zombie, Progress(spp=1), [], "old.exr")
+    for attempt in (lambda: jobs.count_crash(zombie), lambda: finish(jobs, zombie)):
+        with pytest.raises(Superseded):
+            attempt()
+    assert jobs.get(current.id).state is State.RUNNING
+    assert finish(jobs, current).state is State.SUCCEEDED
+
+
+def queued(jobs: JobStore) -> list[str]:
+    return [waiting.job_id for waiting in jobs.queue()]
+
+
+def finish(jobs: JobStore, job: JobRecord) -> JobRecord:
+    return jobs.move(job.id, Step.FINISH, attempt=job.attempt)
+
+
+def test_higher_priority_goes_first_among_the_queued(jobs: JobStore) -> None:
+    low, _ = jobs.add(NEW)
+    high, _ = jobs.add(replace(NEW, priority=3))
+    assert queued(jobs) == [high.id, low.id]
+
+
+def test_events_become_visible_in_the_order_of_their_ids(database: Database, jobs: JobStore) -> None:
+    seen: list[int] = []
+    is_over = threading.Event()
+
+    def follow() -> None:
+        while not is_over.is_set() or jobs.last_event_id() > (seen[-1] if seen else 0):
+            seen.extend(event.id for event in jobs.events_after(seen[-1] if seen else 0, 10))
+
+    follower = threading.Thread(target=follow)
+    follower.start()
+
+    def add_some() -> None:
+        for _ in range(20):
+            jobs.add(NEW)
+
+    in_threads(6, add_some)
+    is_over.set()
+    follower.join(20)
+    with database.read() as connection:
+        written = list(connection.execute(select(events.c.id).order_by(events.c.id)).scalars())
+    assert len(written) == 120
+    assert seen == written
+
+
+def test_old_events_are_forgotten_but_never_the_newest(jobs: JobStore) -> None:
+    for _ in range(3):
+        jobs.add(NEW)
+    assert jobs.forget_events("2000-01-01T00:00:00.000Z") == 0
+    assert jobs.forget_events(LATER) == 2
+    assert jobs.first_event_id() == jobs.last_event_id() > 0
+
+
+def test_a_database_belongs_to_one_data_folder(database: Database) -> None:
+    database.belong_to("a")
+    database.belong_to("a")
+    with pytest.raises(DatabaseError, match="another data folder"):
+        database.belong_to("b")
+
+
+@pytest.mark.parametrize(
+    ("url", "told"), [("mysql://x/y", "not supported"), ("nonsense", "not understood"), ("what://x", "not supported")]
+)
+def test_a_database_that_cannot_be_used_is_told(url: str, told: str) -> None:
+    with pytest.raises(DatabaseError, match=told):
+        Database(url)
+
+
+def test_each_job_is_claimed_once_by_four_processes(database_url: str) -> None:
+    database = Database(database_url)
+    database.create_tables()
+    store = JobStore(database)
+    added = [store.add(NEW)[0].id for _ in range(60)]
+    database.close()
+    code = (
+        "import sys; from service.store import Database, JobStore\n"
+        "jobs = JobStore(Database(sys.argv[1]))\n"
+        "print('ready', flush=True); sys.stdin.readline()\n"
+        "while job := jobs.claim(sys.argv[2], '2999'): print(job.id, flush=True)\n"
+    )
+    command = [sys.executable, "-c", code, database_url]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    claimers = [subprocess.Popen([*command, str(n)], **pipes) for n in range(4)]
+    for claimer in claimers:
+        assert claimer.stdout is not None
+        assert claimer.stdout.readline() == "ready\n"
+    told = [claimer.communicate("go\n", timeout=60)[0].split() for claimer in claimers]
+    assert sorted(job_id for ids in told for job_id in ids) == sorted(added)
+    assert all(claimer.returncode == 0 for claimer in claimers)

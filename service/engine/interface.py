@@ -1,0 +1,82 @@
+"""What the service needs of a place where rendering runs: seven methods.
+
+A handle is opaque, and its value stays near the worker until it is fetched; arguments may be handles. A lost call may
+be made again with the same inputs: what is rendered depends on nothing else. An engine keeps no truth: all that must
+outlive it is in the store and in files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+
+class Lost(Exception):
+    """The worker died or was killed during the call: the same call may be made again.
+
+    last_words: what the worker wrote to its error stream before it died, for the log.
+    """
+
+    def __init__(self, message: str, last_words: str = "") -> None:
+        self.last_words = last_words
+        super().__init__(message)
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """A worker that runs one call at a time. tags: what it is, such as its device; equal tags render equal bits."""
+
+    name: str
+    tags: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Handle:
+    """A call and, once it is done, its value, which lies on a slot."""
+
+    id: int
+    slot: str
+
+
+class Engine(Protocol):
+    """Where calls run."""
+
+    async def start(self) -> None:
+        """Bring the workers up."""
+        ...
+
+    def slots(self) -> Sequence[Slot]:
+        """The workers there are now."""
+        ...
+
+    def submit(self, call: Callable[..., Any], *args: object, slot: str | None = None, priority: int = 0) -> Handle:
+        """Have `call(*args)` run, higher priority first, on a given slot or on any."""
+        ...
+
+    async def wait(self, handles: Iterable[Handle], seconds: float | None = None) -> set[Handle]:
+        """Those that are done, failed or lost; returns once there is one, or after `seconds`."""
+        ...
+
+    async def fetch(self, handle: Handle) -> Any:
+        """The value, which the engine then forgets. Raises Lost, CancelledError, or what the call raised."""
+        ...
+
+    async def cancel(self, handle: Handle, *, hard: bool = False) -> None:
+        """Do not begin a call that waits; hard: kill the worker that runs it too."""
+        ...
+
+    async def close(self) -> None:
+        """End the workers at once."""
+        ...
+
+
+async def run_within(
+    engine: Engine, seconds: float, call: Callable[..., Any], *args: object, slot: str | None = None
+) -> Any:
+    """The value of `call(*args)`; a call that takes longer is killed with its worker. Raises Lost."""
+    handle = engine.submit(call, *args, slot=slot)
+    if not await engine.wait([handle], seconds):
+        await engine.cancel(handle, hard=True)
+        raise Lost(f"the render process gave no answer within {seconds:g} s")
+    return await engine.fetch(handle)
