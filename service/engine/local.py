@@ -15,6 +15,7 @@ import signal
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TypeVar
 
@@ -27,6 +28,7 @@ __all__ = ["LocalEngine", "Lost"]
 
 T = TypeVar("T")
 _WORDS_BYTES = 4096
+_REAP_SECONDS = 2.0
 
 
 class LocalEngine:
@@ -54,7 +56,7 @@ class LocalEngine:
                 # Shielded: on a timeout the process is killed, and the future ends by that.
                 value = await asyncio.wait_for(asyncio.shield(running), deadline)
             except BrokenProcessPool:
-                how, words = self._how_it_ended(), self._new_words()
+                how, words = await asyncio.to_thread(self._how_it_ended), self._new_words()
                 self._log.warning("render process died", pid=self.pid, how=how, last_words=words)
                 self._discard()
                 raise Lost(f"the render process died ({how})", words) from None
@@ -89,13 +91,16 @@ class LocalEngine:
         self._log.info("render process started", pid=self.pid)
         return pool
 
+    def _processes(self) -> list[BaseProcess]:
+        return list((getattr(self._pool, "_processes", None) or {}).values())
+
     def _how_it_ended(self) -> str:
         """By which signal or exit code."""
-        processes = getattr(self._pool, "_processes", None) or {}
-        code = next((process.exitcode for process in processes.values()), None)
-        if code is None:
-            return "for an unknown reason"
-        return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        for process in self._processes():
+            process.join(_REAP_SECONDS)
+            if (code := process.exitcode) is not None:
+                return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        return "for an unknown reason"
 
     def _new_words(self) -> str:
         """What the process has written to its error stream since this was last asked, at most its last part."""
@@ -111,9 +116,10 @@ class LocalEngine:
 
     def kill(self) -> None:
         """Kill the process, whatever it is doing: the call in it is lost."""
-        if self.pid is not None:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(self.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+        # Not by self.pid: a process that is still starting has not told it yet.
+        for process in self._processes():
+            with contextlib.suppress(ProcessLookupError, AttributeError, ValueError):
+                process.kill()
 
     def _discard(self) -> None:
         """Kill the process and forget the pool."""

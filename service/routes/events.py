@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Header
+from fastapi import APIRouter, Depends, Header, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from service.access import Reader
@@ -18,6 +18,8 @@ from service.store import EventRecord
 from service.store.records import now
 
 router = APIRouter(prefix="/api", tags=["events"])
+
+_LOOKS_PER_PING = 5
 
 
 def _schema(*names: str) -> dict[str, Any]:
@@ -71,6 +73,7 @@ def _room(service: ServiceContext, caller: Reader) -> Caller:
 async def events(
     service: ServiceContext,
     caller: Annotated[Caller, Depends(_room)],
+    request: Request,
     last_event_id: Annotated[str, Header()] = "",
 ) -> AsyncIterator[ServerSentEvent]:
     """Changes of state, with replay of those after Last-Event-ID, and the progress of running jobs."""
@@ -89,9 +92,15 @@ async def events(
                     yield _transition(service, event)
             for live in filter(lambda live: subscription.hears(live.record.client_id), service.runner.live_jobs()):
                 yield _progress(ProgressMessage.of(live.record, live.progress))
-        async for news in subscription.news(service.settings.ping_seconds):
+        silent = 0
+        async for news in subscription.news(service.settings.ping_seconds / _LOOKS_PER_PING):
+            silent = silent + 1 if news is None else 0
             if news is None:
-                yield ServerSentEvent(event="ping", data=Ping(at=now()))
+                # A client that has gone is noticed without writing to it.
+                if await request.is_disconnected():
+                    return
+                if silent % _LOOKS_PER_PING == 0:
+                    yield ServerSentEvent(event="ping", data=Ping(at=now()))
             else:
                 yield _transition(service, news) if isinstance(news, EventRecord) else _progress(news)
     finally:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -24,11 +26,14 @@ class Received:
 class EventStream:
     """An open stream; `events` grows while it lasts."""
 
-    def __init__(self, url: str, last_event_id: int | None = None) -> None:
+    def __init__(self, url: str, last_event_id: int | None = None, key: str | None = None) -> None:
         self.events: list[Received] = []
         self.headers: dict[str, str] = {}
         self.is_over = threading.Event()
+        self._sockets: list[socket.socket] = []
         headers = {} if last_event_id is None else {"Last-Event-ID": str(last_event_id)}
+        if key is not None:
+            headers["Authorization"] = f"Bearer {key}"
         self._client = httpx.Client(timeout=httpx.Timeout(10, read=None))
         self._request = self._client.build_request("GET", f"{url}/api/events", headers=headers)
         self._thread = threading.Thread(target=self._read, daemon=True)
@@ -39,11 +44,16 @@ class EventStream:
         return self
 
     def __exit__(self, *_: object) -> None:
+        # Closing a socket in which another thread reads would not tell the other side.
+        for stream in self._sockets:
+            with contextlib.suppress(OSError):
+                stream.shutdown(socket.SHUT_RDWR)
         self._client.close()
 
     def _read(self) -> None:
         try:
             response = self._client.send(self._request, stream=True)
+            self._sockets.append(response.extensions["network_stream"].get_extra_info("socket"))
             self.headers = dict(response.headers)
             fields: dict[str, str] = {}
             for line in response.iter_lines():

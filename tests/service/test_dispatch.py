@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from service.dispatch import Candidate, next_job, seconds_left, seconds_until_start
+from service.dispatch import (
+    PREVIEW_CREDIT,
+    Candidate,
+    Shares,
+    Waiting,
+    may_start,
+    next_job,
+    seconds_left,
+    seconds_until_start,
+    start_order,
+)
 
 
 def test_nobody_is_next_when_nothing_runs() -> None:
@@ -56,3 +68,67 @@ def test_what_a_job_needs_is_its_nearest_limit() -> None:
     assert seconds_left(target, 10.0, 0.0, None) == 90.0
     assert seconds_left({"error": 0.01}, 10.0, 40.0, None) is None
     assert seconds_left({"seconds": 5.0}, 10.0, 40.0, None) == 0.0
+
+
+def shares(**used: float) -> Shares:
+    made = Shares()
+    for client, seconds in used.items():
+        made.charge(client, seconds)
+    return made
+
+
+def test_clients_get_equal_time_however_many_jobs_they_have() -> None:
+    jobs = [Candidate(f"a{i}", i, True, 0, "a") for i in range(9)] + [Candidate("b", 99, True, 0, "b")]
+    had, last = Shares(), dict.fromkeys([job.job_id for job in jobs], 0)
+    for turn in range(1, 101):
+        chosen = next_job([replace(job, last_turn=last[job.job_id]) for job in jobs], had)
+        assert chosen is not None
+        last[chosen] = turn
+        had.charge(chosen[0], 0.3)
+    assert had.of("a") == pytest.approx(had.of("b"), abs=0.31)
+    assert min(last.values()) > 0, "each of the nine had a turn"
+
+
+def test_priority_decides_within_a_client_and_not_between_clients() -> None:
+    low, high = Candidate("low", 1, True, 1, "a"), Candidate("high", 2, True, 2, "a", priority=5)
+    other = Candidate("other", 3, True, 3, "b")
+    assert next_job([low, high, other], shares(a=1, b=2)) == "high"
+    assert next_job([low, high, other], shares(a=2, b=1)) == "other"
+
+
+def test_a_flood_of_new_jobs_from_one_client_does_not_stop_the_others() -> None:
+    flood = [Candidate(f"a{i}", i, False, 0, "a") for i in range(100)]
+    other = Candidate("other", 200, True, 0, "b")
+    assert next_job([*flood, other], shares(a=PREVIEW_CREDIT)) == "a0"
+    assert next_job([*flood, other], shares(a=PREVIEW_CREDIT + 0.1)) == "other"
+
+
+def test_of_new_jobs_the_one_whose_scene_is_loaded_is_first() -> None:
+    cold, warm = Candidate("cold", 1, False, 0), Candidate("warm", 2, False, 0, is_loaded=True)
+    assert next_job([cold, warm]) == "warm"
+
+
+def test_who_comes_back_does_not_make_up_for_the_time_away() -> None:
+    had = shares(a=100.0, b=103.0)
+    had.enter("new", ["a", "b"])
+    assert had.of("new") == 100.0
+    had.enter("alone", [])
+    assert had.of("alone") == 0.0
+
+
+def test_queued_jobs_start_client_by_client_and_by_priority_within_one() -> None:
+    queued = [
+        Waiting("a1", 1, False, "a"),
+        Waiting("a2", 2, False, "a", priority=1),
+        Waiting("a3", 3, True, "a", priority=9),
+        Waiting("b1", 4, False, "b"),
+    ]
+    assert start_order(queued, {}) == ["a2", "b1", "a1", "a3"]
+    assert start_order(queued, {"a": 2}) == ["b1", "a2", "a1", "a3"]
+    assert start_order([], {"a": 2}) == []
+
+
+def test_a_client_without_a_running_job_need_not_wait_for_a_slot() -> None:
+    assert may_start("a", {"a": 1}, slots=2)
+    assert not may_start("a", {"a": 2}, slots=2)
+    assert may_start("b", {"a": 2}, slots=2)
