@@ -18,8 +18,8 @@ Side = Annotated[int, Field(ge=1, le=16384)]
 
 
 class _Request(BaseModel):
-    # A misspelt field is told, not ignored.
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    # A misspelt field is told, not ignored; true is not 1, and "4" is not 4.
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
 
 class SceneChoice(_Request):

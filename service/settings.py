@@ -57,7 +57,7 @@ class ServiceSettings(BaseSettings):
     turn_deadline_seconds: float = Field(
         default=120.0, gt=0, description="a turn without answer is killed; longer where ten times the last one is"
     )
-    stop_seconds: float = Field(default=8.0, gt=0, description="time to save what runs when the service ends")
+    stop_seconds: float = Field(default=6.0, gt=0, description="time to save what runs when the service ends")
     lease_seconds: float = Field(default=15.0, gt=0, description="silence after which other servers take jobs up")
     heartbeat_seconds: float = Field(default=5.0, gt=0, description="between two renewals of the leases")
     keep_events_days: float = Field(default=7.0, gt=0, description="changes of state that streams can replay")

@@ -38,9 +38,10 @@ async def who_am_i(caller: Reader, service: ServiceContext) -> Session:
 @router.post("/api/session", responses={401: {}, 422: {}, 429: {}})
 async def log_in(body: SessionRequest, request: Request, response: Response, service: ServiceContext) -> Session:
     """Keep a key in a cookie of this browser."""
-    caller = await _check(request, service, body.key)
-    _set_cookie(request, response, body.key)
-    return caller
+    session = await _check(request, service, body.key)
+    if session.keys_required:
+        _set_cookie(request, response, body.key)
+    return session
 
 
 @router.delete("/api/session", status_code=204)
@@ -60,9 +61,10 @@ async def login_page() -> HTMLResponse:
 @router.post("/login", include_in_schema=False)
 async def login(request: Request, service: ServiceContext, key: Annotated[str, Form(max_length=200)]) -> Response:
     """Take the form and go to the page."""
-    await _check(request, service, key.strip())
+    session = await _check(request, service, key.strip())
     response = RedirectResponse("./", status_code=303)
-    _set_cookie(request, response, key.strip())
+    if session.keys_required:
+        _set_cookie(request, response, key.strip())
     return response
 
 

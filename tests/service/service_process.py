@@ -52,10 +52,10 @@ class Server:
     def log_path(self) -> Path:
         return self.data_dir.parent / f"{self.data_dir.name}.log"
 
-    def start(self, *, wait_until: str = "/readyz") -> Server:
+    def start(self, *, wait_until: str = "/readyz", port: int | None = None) -> Server:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
+            self.port = port or free.getsockname()[1]
         code = (
             "import sys, pathlib; from service.serve import run;"
             f"run('127.0.0.1', {self.port}, pathlib.Path(sys.argv[1]), False)"
