@@ -7,7 +7,7 @@ HOST ?= 127.0.0.1
 # A fixed file instead of the newest releases: the two commands stay repeatable.
 LOCK := requirements.lock
 
-.PHONY: run test check bench test-long test-oracle extremes fuzz coverage page thumbnails lock clean help
+.PHONY: run test check bench load test-long test-oracle extremes fuzz coverage page thumbnails lock clean help
 
 help: ## Say what each target does
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -53,6 +53,9 @@ extremes: $(VENV)/.ready ## Light kept at every scale and distance, with Mitsuba
 
 fuzz: page ## Ten thousand mutated uploads with fresh seeds
 	$(BIN)/python -m pytest -m fuzz -s tests/faults
+
+load: $(VENV)/.ready ## The service under 200 jobs, 50 streams and 20 pollers, as a table
+	$(BIN)/python -m tests.load
 
 thumbnails: $(VENV)/.ready ## Render the gallery's thumbnails again
 	$(BIN)/python -m renderer.scene.gallery.make_thumbnails

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from typing import Annotated
 
 import structlog
@@ -71,19 +72,36 @@ Submitter = Annotated[Caller, Depends(_at_least(Role.SUBMIT))]
 Admin = Annotated[Caller, Depends(_at_least(Role.ADMIN))]
 
 
+def up_to_date(service: Service, job: JobRecord) -> JobRecord:
+    """The stored job with what its running renderer has told since."""
+    live = service.runner.live(job.id)
+    if live is None or live.record.attempt < job.attempt:
+        return job
+    known = {"progress": live.progress, "checkpoint": live.checkpoint, "warnings": live.record.warnings}
+    return replace(job, curve=tuple(live.curve), **known)
+
+
 def own_job(service: Service, caller: Caller, job_id: str) -> JobRecord:
     """A job of the caller. Someone else's is as unknown as one that never was. Raises JobNotFound."""
     job = service.jobs.get(job_id)
-    if caller.scope not in (None, job.client_id):
-        raise JobNotFound(job_id)
+    _check_own(caller, job)
     return job
+
+
+def _check_own(caller: Caller, job: JobRecord) -> None:
+    if caller.scope not in (None, job.client_id):
+        raise JobNotFound(job.id)
 
 
 def _own_job_of(dependency: Callable[[Request, Service], Awaitable[Caller]]) -> Callable[..., Awaitable[JobRecord]]:
     asks = Depends(dependency)
 
     async def find(job_id: JobId, service: ServiceContext, caller: Caller = asks) -> JobRecord:
-        return await asyncio.to_thread(own_job, service, caller, job_id)
+        # Pages ask for the frames of running jobs all the time: those need no database.
+        if (live := service.runner.live(job_id)) is not None:
+            _check_own(caller, live.record)
+            return up_to_date(service, live.record)
+        return up_to_date(service, await asyncio.to_thread(own_job, service, caller, job_id))
 
     return find
 

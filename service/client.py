@@ -117,27 +117,25 @@ class Client:
         """Forget a job with its pictures."""
         self._open("DELETE", f"/api/jobs/{job_id}").close()
 
-    def watch(self, job_id: str) -> Iterator[Job | ProgressMessage]:
-        """The job now, then its progress and changes of state, until it has ended. Outlives restarts of the service."""
-        pause = _FIRST_PAUSE_SECONDS
+    def watch(self, job_id: str, patience_seconds: float = 600.0) -> Iterator[Job | ProgressMessage]:
+        """The job now, then its progress and changes of state, until it has ended. Outlives restarts of the service.
+
+        Raises ServiceError, and ServiceUnreachable after `patience_seconds` without an answer.
+        """
+        pause, heard = _FIRST_PAUSE_SECONDS, time.monotonic()
         while True:
-            job = self.job(job_id)
-            yield job
-            if job.state in ENDED:
-                return
             try:
                 for news in self._events():
-                    pause = _FIRST_PAUSE_SECONDS
-                    if news is None:
-                        # What changed before the stream was open is not told by it.
-                        news = self.job(job_id)
-                        if news.state not in ENDED:
-                            continue
+                    pause, heard = _FIRST_PAUSE_SECONDS, time.monotonic()
+                    # What changed before the stream was open is not told by it.
+                    news = self.job(job_id) if news is None else news
                     if news.id == job_id:
                         yield news
                         if news.state in ENDED:
                             return
             except (OSError, HTTPException, ServiceUnreachable):
+                if time.monotonic() - heard > patience_seconds:
+                    raise
                 time.sleep(pause)
                 pause = min(2 * pause, _LONGEST_PAUSE_SECONDS)
 

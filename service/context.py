@@ -58,6 +58,7 @@ class Service:
         self.runner = Runner(
             settings, self.jobs, self.engine, self.hub, self.files, lease, self.metrics, self._scene_path
         )
+        self.hub.expected_start = self.runner.expected_start
         self._housekeeping = Housekeeping(settings, self.jobs, self.runner, self.metrics)
         self._lock = DataLock(settings.data_dir)
         self._log = structlog.get_logger("service")

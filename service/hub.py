@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 
+from service import news
 from service.messages import ProgressMessage
+from service.news import Told
 from service.store import EventRecord, JobStore
 
 _PAGE = 200
@@ -22,11 +24,11 @@ _QUEUE_LIMIT = 1000
 class Subscription:
     """What one client has yet to be told. scope: whose jobs it hears of; None: of all."""
 
-    def __init__(self, caller: str = "", scope: str | None = None) -> None:
+    def __init__(self, caller: str, scope: str | None) -> None:
         self.caller = caller
         self._scope = scope
-        self._transitions: deque[EventRecord] = deque()
-        self._progress: dict[str, ProgressMessage] = {}
+        self._transitions: deque[Told] = deque()
+        self._progress: dict[str, Told] = {}
         self._news = asyncio.Event()
         self._is_closed = False
 
@@ -34,19 +36,19 @@ class Subscription:
         """Whether a client's jobs are its business."""
         return self._scope in (None, client_id)
 
-    def tell_transition(self, event: EventRecord) -> None:
+    def tell_transition(self, told: Told) -> None:
         """Queue a transition; a full queue ends the subscription."""
         if len(self._transitions) >= _QUEUE_LIMIT:
             self.close()
             return
         # What was known before the transition is not news after it.
-        self._progress.pop(event.job_id, None)
-        self._transitions.append(event)
+        self._progress.pop(told.job_id, None)
+        self._transitions.append(told)
         self._news.set()
 
-    def tell_progress(self, progress: ProgressMessage) -> None:
+    def tell_progress(self, told: Told) -> None:
         """Replace what was to be told of this job."""
-        self._progress[progress.id] = progress
+        self._progress[told.job_id] = told
         self._news.set()
 
     def close(self) -> None:
@@ -54,7 +56,7 @@ class Subscription:
         self._is_closed = True
         self._news.set()
 
-    async def news(self, silence_seconds: float) -> AsyncIterator[EventRecord | ProgressMessage | None]:
+    async def news(self, silence_seconds: float) -> AsyncIterator[Told | None]:
         """All that comes, until the subscription is closed; None after every `silence_seconds` without news."""
         while not self._is_closed:
             try:
@@ -75,6 +77,8 @@ class Hub:
 
     def __init__(self, store: JobStore) -> None:
         self._store = store
+        # Replaced by who knows when a queued job will start.
+        self.expected_start: Callable[[int | None], str | None] = lambda _place: None
         self._subscriptions: set[Subscription] = set()
         self._reading = asyncio.Lock()
         self._last_event_id = 0
@@ -95,17 +99,22 @@ class Hub:
             while events := await asyncio.to_thread(self._store.events_after, self._last_event_id, _PAGE):
                 self._last_event_id = events[-1].id
                 for event in events:
+                    told = self._transition(event)
                     for subscription in tuple(self._subscriptions):
-                        if subscription.hears(event.client_id):
-                            subscription.tell_transition(event)
+                        if subscription.hears(told.client_id):
+                            subscription.tell_transition(told)
 
     def tell_progress(self, progress: ProgressMessage, client_id: str) -> None:
         """Pass on how a job of a client gets on."""
+        told = news.progress(progress, client_id)
         for subscription in tuple(self._subscriptions):
             if subscription.hears(client_id):
-                subscription.tell_progress(progress)
+                subscription.tell_progress(told)
 
-    async def missed(self, after: int, until: int) -> AsyncIterator[EventRecord]:
+    def _transition(self, event: EventRecord) -> Told:
+        return news.transition(event, self.expected_start(event.queue_position))
+
+    async def missed(self, after: int, until: int) -> AsyncIterator[Told]:
         """Transitions from `after` (exclusive) to `until` (inclusive), page by page."""
         while after < until:
             events = await asyncio.to_thread(self._store.events_after, after, _PAGE)
@@ -114,7 +123,7 @@ class Hub:
             for event in events:
                 if event.id > until:
                     return
-                yield event
+                yield self._transition(event)
             after = events[-1].id
 
     def subscribe(self, caller: str = "", scope: str | None = None) -> Subscription:

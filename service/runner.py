@@ -65,6 +65,7 @@ class Runner:
         self._shares = Shares()
         self._loaded: set[str] = set()
         self._wake = asyncio.Event()
+        self._may_claim = True  # something was queued, or a slot became free, since the queue was last looked at
         self._turns = 0
         self._is_stopping = False
         self._task: asyncio.Task[None] | None = None
@@ -81,6 +82,7 @@ class Runner:
 
     def wake(self) -> None:
         """Something was queued."""
+        self._may_claim = True
         self._wake.set()
 
     def expected_start(self, queue_position: int | None) -> str | None:
@@ -105,7 +107,7 @@ class Runner:
         """A step of a job that does not run. Raises JobNotFound, IllegalStep."""
         await asyncio.to_thread(self._store.move, job_id, step, **changes)
         await self._hub.tell_transitions()
-        self._wake.set()
+        self.wake()
 
     async def delete(self, job_id: str) -> None:
         """Forget a job and its files. Raises JobNotFound, StillRunning."""
@@ -170,7 +172,8 @@ class Runner:
         if given := await asyncio.to_thread(self._lease.take_up_expired):
             self._log.warning("jobs of a lost server are queued again", jobs=[job.id for job in given])
             await self._hub.tell_transitions()
-            self._wake.set()
+        # Others may have queued something in the same database.
+        self.wake()
 
     async def _run(self) -> None:
         if self._settings.warm_up:
@@ -214,7 +217,8 @@ class Runner:
         for live in self.live_jobs():
             if live.wish is not None:
                 await self._leave(live, live.wish)
-        await self._claim()
+        if self._may_claim:
+            await self._claim()
         job_id = next_job((live.candidate(self._loaded) for live in self._live.values()), self._shares)
         if job_id is None:
             await self._wake.wait()
@@ -223,12 +227,14 @@ class Runner:
 
     async def _claim(self) -> None:
         """Start the next queued job, if its client may start one now."""
+        self._may_claim = False
         queue = await asyncio.to_thread(self._store.queue)
         running = Counter(live.record.client_id for live in self._live.values())
         if not queue or not may_start(queue[0].client_id, running, self._settings.max_running_jobs):
             return
         client_id = queue[0].client_id
         record = await asyncio.to_thread(self._lease.claim, client_id)
+        self._may_claim = True  # there may be more
         if record is None:
             return
         if running[client_id] == 0:
@@ -362,6 +368,7 @@ class Runner:
         changes["warnings"] = list(record.warnings)
         moved = await asyncio.to_thread(self._store.move, record.id, step, attempt=record.attempt, **changes)
         self._live.pop(record.id, None)
+        self._may_claim = True
         await self._hub.tell_transitions()
         live.notify()
         return moved
@@ -371,6 +378,7 @@ class Runner:
         self._log.warning("job is run by another server now", job=live.record.id)
         if self._live.get(live.record.id) is live:
             del self._live[live.record.id]
+        self._may_claim = True
         live.notify()
 
 

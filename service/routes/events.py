@@ -13,8 +13,8 @@ from service.access import Reader
 from service.clients import Caller
 from service.context import Service, ServiceContext
 from service.errors import ProblemError
-from service.messages import Deleted, Hello, Job, Ping, ProgressMessage
-from service.store import EventRecord
+from service.messages import Hello, Ping, ProgressMessage
+from service.news import Told, progress
 from service.store.records import now
 
 router = APIRouter(prefix="/api", tags=["events"])
@@ -89,9 +89,9 @@ async def events(
         if after is not None:
             async for event in hub.missed(after, until):
                 if subscription.hears(event.client_id):
-                    yield _transition(service, event)
+                    yield _event(event)
             for live in filter(lambda live: subscription.hears(live.record.client_id), service.runner.live_jobs()):
-                yield _progress(ProgressMessage.of(live.record, live.progress))
+                yield _event(progress(ProgressMessage.of(live.record, live.progress), live.record.client_id))
         silent = 0
         async for news in subscription.news(service.settings.ping_seconds / _LOOKS_PER_PING):
             silent = silent + 1 if news is None else 0
@@ -102,7 +102,7 @@ async def events(
                 if silent % _LOOKS_PER_PING == 0:
                     yield ServerSentEvent(event="ping", data=Ping(at=now()))
             else:
-                yield _transition(service, news) if isinstance(news, EventRecord) else _progress(news)
+                yield _event(news)
     finally:
         hub.unsubscribe(subscription)
 
@@ -115,13 +115,5 @@ def _replay_from(service: Service, last_event_id: str, until: int) -> int | None
     return after if service.jobs.first_event_id() - 1 <= after <= until else None
 
 
-def _transition(service: Service, event: EventRecord) -> ServerSentEvent:
-    if event.job is None:
-        return ServerSentEvent(event="deleted", id=str(event.id), data=Deleted(id=event.job_id))
-    place = event.queue_position
-    job = Job.of(event.job, queue_position=place, expected_start=service.runner.expected_start(place))
-    return ServerSentEvent(event="job", id=str(event.id), data=job)
-
-
-def _progress(progress: ProgressMessage) -> ServerSentEvent:
-    return ServerSentEvent(event="progress", data=progress)
+def _event(told: Told) -> ServerSentEvent:
+    return ServerSentEvent(event=told.kind, raw_data=told.text, id=None if told.id is None else str(told.id))

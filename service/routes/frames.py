@@ -10,13 +10,12 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from service import frames
-from service.access import ReadableJob
+from service.access import ReadableJob, up_to_date
 from service.context import Service, ServiceContext
 from service.display import Display
 from service.errors import ProblemError, not_found, refused
 from service.messages import Pixel
 from service.pixels import png_bytes, read_pixel
-from service.routes.jobs import up_to_date
 from service.store import JobRecord
 
 router = APIRouter(prefix="/api/jobs/{job_id}", tags=["pictures"])
@@ -50,7 +49,6 @@ async def latest_frame(
     if_none_match: Annotated[str, Header()] = "",
 ) -> Response:
     """The newest frame, if it is newer than `after`."""
-    job = up_to_date(service, job)
     job_id = job.id
     if job.progress.frame_seq <= after:
         return Response(status_code=204, headers={"X-Frame-Seq": str(job.progress.frame_seq)})
@@ -105,7 +103,7 @@ async def pixel(
     for name, value, side in (("x", x, "width"), ("y", y, "height")):
         if value >= job.settings[side]:
             raise refused(name, f"{value} is outside the picture, whose {side} is {job.settings[side]}")
-    return read_pixel(await _display(service, up_to_date(service, job)), x, y)
+    return read_pixel(await _display(service, job), x, y)
 
 
 @router.get("/image.exr", response_class=FileResponse, responses={404: {}})
@@ -132,7 +130,6 @@ async def image_png(
     exposure: Annotated[float, Query(ge=-30, le=30, allow_inf_nan=False, description="stops")] = 0.0,
 ) -> Response:
     """The picture as sRGB, clipped: to look at, not to measure."""
-    job = up_to_date(service, job)
     job_id = job.id
     display = await _display(service, job)
     tag = f'"{job_id}-{display.seq}-{exposure:g}"'

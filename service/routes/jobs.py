@@ -8,22 +8,14 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
 
-from service.access import OwnJob, ReadableJob, Reader, Submitter
+from service.access import OwnJob, ReadableJob, Reader, Submitter, up_to_date
 from service.context import Service, ServiceContext
 from service.messages import ContinueRequest, Job, JobDetail, JobList, JobRequest
-from service.states import Step
+from service.states import State, Step
 from service.store import JobRecord
 from service.submission import check_continuation, new_job, request_digest
 
 router = APIRouter(prefix="/api/jobs", tags=["jobs"])
-
-
-def up_to_date(service: Service, job: JobRecord) -> JobRecord:
-    """The stored job with what its running renderer has told since."""
-    live = service.runner.live(job.id)
-    if live is None or live.record.attempt < job.attempt:
-        return job
-    return replace(job, progress=live.progress, curve=tuple(live.curve), warnings=live.record.warnings)
 
 
 def places_of(service: Service) -> dict[str, int]:
@@ -31,11 +23,19 @@ def places_of(service: Service) -> dict[str, int]:
     return {waiting.job_id: place for place, waiting in enumerate(service.jobs.queue(), start=1)}
 
 
-def detail_of(service: Service, job_id: str) -> JobDetail:
+async def detail_of(service: Service, job_id: str) -> JobDetail:
     """One job as it is now. Raises JobNotFound."""
-    job = up_to_date(service, service.jobs.get(job_id))
-    place = places_of(service).get(job_id)
-    return JobDetail.of(job, queue_position=place, expected_start=service.runner.expected_start(place))
+    return await detail(service, await asyncio.to_thread(service.jobs.get, job_id))
+
+
+async def detail(service: Service, job: JobRecord) -> JobDetail:
+    """A job with its curve and its place in the queue."""
+    place = None
+    if job.state is State.QUEUED:
+        place = (await asyncio.to_thread(places_of, service)).get(job.id)
+    return JobDetail.of(
+        up_to_date(service, job), queue_position=place, expected_start=service.runner.expected_start(place)
+    )
 
 
 @router.post("", status_code=201, responses={422: {}, 429: {}})
@@ -58,7 +58,7 @@ async def submit_job(
         job, is_new = await asyncio.to_thread(service.jobs.add, new)
     else:
         job, is_new = known, False
-    answer = await asyncio.to_thread(detail_of, service, job.id)
+    answer = await detail(service, job)
     if is_new:
         await service.hub.tell_transitions()
         service.runner.wake()
@@ -80,7 +80,7 @@ def list_jobs(service: ServiceContext, caller: Reader, limit: Annotated[int, Que
 @router.get("/{job_id}", responses={404: {}, 422: {}})
 async def get_job(job: ReadableJob, service: ServiceContext) -> JobDetail:
     """One job with its convergence curve."""
-    return await asyncio.to_thread(detail_of, service, job.id)
+    return await detail(service, job)
 
 
 @router.delete("/{job_id}", status_code=204, responses={404: {}, 409: {}, 422: {}})
@@ -94,21 +94,21 @@ async def delete_job(job: OwnJob, service: ServiceContext) -> Response:
 async def pause_job(job: OwnJob, service: ServiceContext) -> JobDetail:
     """Take a queued or running job from the renderer, with all that was rendered, until it is resumed."""
     await service.runner.pause(job.id)
-    return await asyncio.to_thread(detail_of, service, job.id)
+    return await detail_of(service, job.id)
 
 
 @router.post("/{job_id}/resume", responses={404: {}, 409: {}, 422: {}})
 async def resume_job(job: OwnJob, service: ServiceContext) -> JobDetail:
     """Queue a paused job again; it goes on where it was."""
     await service.runner.move(job.id, Step.RESUME)
-    return await asyncio.to_thread(detail_of, service, job.id)
+    return await detail_of(service, job.id)
 
 
 @router.post("/{job_id}/cancel", responses={404: {}, 409: {}, 422: {}})
 async def cancel_job(job: OwnJob, service: ServiceContext) -> JobDetail:
     """End a job; its picture so far is kept."""
     await service.runner.cancel(job.id)
-    return await asyncio.to_thread(detail_of, service, job.id)
+    return await detail_of(service, job.id)
 
 
 @router.post("/{job_id}/continue", responses={404: {}, 409: {}, 422: {}})
@@ -117,4 +117,4 @@ async def continue_job(job: OwnJob, request: ContinueRequest, service: ServiceCo
     target = check_continuation(job, request)
     changes = {"finished_at": None, "stopped_by": None, "crashes": 0}
     await service.runner.move(job.id, Step.CONTINUE, target=target, **changes)
-    return await asyncio.to_thread(detail_of, service, job.id)
+    return await detail_of(service, job.id)

@@ -27,6 +27,7 @@ NEEDED = {
     "POST /api/session": 0,
     "DELETE /api/session": 0,
     "GET /api/gallery": 1,
+    "GET /api/gallery/{name}/requirements": 1,
     "GET /api/gallery/{name}/thumbnail.png": 1,
     "GET /api/scenes": 1,
     "POST /api/scenes": 2,
