@@ -28,7 +28,7 @@ from service.store import Database, JobRecord, JobStore, SceneStore
 from service.store.keys import KeyStore
 from service.uploads import Uploads
 
-_ATTEMPTS_PER_SECOND, _ATTEMPTS_AT_ONCE = 1.0, 20
+_ATTEMPTS_PER_SECOND, _ATTEMPTS_AT_ONCE = 1.0, 50
 _LITTLE_SPACE_BYTES = 256 << 20
 
 

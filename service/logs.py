@@ -40,6 +40,8 @@ def configure(settings: ServiceSettings) -> None:
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(level)
+    # At every start it would say which database it found.
+    logging.getLogger("alembic").setLevel(logging.WARNING)
     # Requests are not news; what they lead to is logged where it happens.
     for name in ("uvicorn", "uvicorn.error", "uvicorn.access"):
         logging.getLogger(name).handlers = []

@@ -30,7 +30,7 @@ class RequestLog:
         structlog.contextvars.bind_contextvars(request=request_id)
         began = time.perf_counter()
 
-        async def told(message: Message) -> None:
+        async def counted(message: Message) -> None:
             if message["type"] == "http.response.start":
                 MutableHeaders(scope=message)["X-Request-ID"] = request_id
                 seconds, status = time.perf_counter() - began, message["status"]
@@ -38,10 +38,11 @@ class RequestLog:
                 service = getattr(scope["app"].state, "service", None) if "app" in scope else None
                 if service is not None:
                     service.metrics.answers.labels(method, str(status)).observe(seconds)
-                say = _log.warning if seconds > _SLOW_SECONDS or status >= 500 else _log.debug
                 # Changes are news; polling for frames is not.
-                say = _log.info if say is _log.debug and method in ("POST", "DELETE") else say
-                say("request", method=method, path=scope["path"][:200], status=status, ms=round(1000 * seconds, 1))
+                level = "info" if method in ("POST", "DELETE") else "debug"
+                level = "warning" if seconds > _SLOW_SECONDS or status >= 500 else level
+                told = {"method": method, "path": scope["path"][:200], "status": status, "ms": round(1000 * seconds, 1)}
+                getattr(_log, level)("request", **told)
             await send(message)
 
-        await self._app(scope, receive, told)
+        await self._app(scope, receive, counted)

@@ -68,13 +68,15 @@ async def submit_job(
     return answer
 
 
-@router.get("")
-def list_jobs(service: ServiceContext, caller: Reader, limit: Annotated[int, Query(ge=1, le=1000)] = 100) -> JobList:
+@router.get("", response_model=JobList)
+def list_jobs(service: ServiceContext, caller: Reader, limit: Annotated[int, Query(ge=1, le=1000)] = 100) -> Response:
     """The newest jobs, newest first, without their curves."""
     places = places_of(service)
     jobs = [up_to_date(service, job) for job in service.jobs.newest(limit, caller.scope)]
     starts = {job.id: service.runner.expected_start(places.get(job.id)) for job in jobs}
-    return JobList(jobs=[Job.of(job, queue_position=places.get(job.id), expected_start=starts[job.id]) for job in jobs])
+    told = [Job.of(job, queue_position=places.get(job.id), expected_start=starts[job.id]) for job in jobs]
+    # As text at once: checking what has just been checked took half of the time of a long list.
+    return Response(JobList(jobs=told).model_dump_json(), media_type="application/json")
 
 
 @router.get("/{job_id}", responses={404: {}, 422: {}})
