@@ -26,6 +26,7 @@ from renderer.scene import gallery as scene_gallery
 from renderer.scene.compile import load_scene
 from renderer.scene.report import inspect
 from renderer.settings import DEFAULT_CONFIDENCE, Settings, Target
+from service.key_commands import app as key_commands
 
 DEFAULT_ERROR = 0.05
 CHECKPOINT_SECONDS = 5.0  # of work that a killed render loses at most
@@ -39,6 +40,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="Fredholm renders Mitsuba 3 scenes and says how far off the image is.",
 )
+app.add_typer(key_commands, name="key")
 err = Console(stderr=True)
 
 

@@ -66,6 +66,7 @@ def _at_least(role: Role) -> Callable[[Request, Service], Awaitable[Caller]]:
     return check
 
 
+NEEDS_READER = Depends(_at_least(Role.READ))
 Reader = Annotated[Caller, Depends(_at_least(Role.READ))]
 Submitter = Annotated[Caller, Depends(_at_least(Role.SUBMIT))]
 Admin = Annotated[Caller, Depends(_at_least(Role.ADMIN))]

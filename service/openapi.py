@@ -30,6 +30,9 @@ def describe(app: FastAPI) -> dict[str, Any]:
     schemas.update(unseen.get("$defs", {}))
     for methods in document["paths"].values():
         for operation in methods.values():
+            if "requestBody" in operation:
+                operation["responses"].setdefault("400", {"description": "The body cannot be read"})
+                operation["responses"].setdefault("413", {"description": "The body is too large"})
             for status, answer in operation["responses"].items():
                 is_readiness = "Readiness" in str(answer.get("content", ""))
                 if status.startswith(("4", "5")) and not is_readiness:

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Path, Query, Response
 from renderer.errors import SceneError
 from renderer.scene import gallery
 from service import frames
-from service.access import Reader
+from service.access import NEEDS_READER
 from service.context import Service, ServiceContext
 from service.engine import learning
 from service.engine.interface import Lost, run_within
@@ -18,7 +18,7 @@ from service.engine.turn import Failure
 from service.errors import ProblemError, not_found, refused
 from service.messages import FirstVertex, RunningMoments, Technique
 
-router = APIRouter(prefix="/api/learn/{scene}", tags=["learn"])
+router = APIRouter(prefix="/api/learn/{scene}", tags=["learn"], dependencies=[NEEDS_READER])
 
 T = TypeVar("T")
 _DEADLINE_SECONDS = 60.0
@@ -34,7 +34,6 @@ Row = Annotated[int, Query(ge=0, description="row, 0 at the top")]
 async def first_vertex(
     scene: Scene,
     service: ServiceContext,
-    caller: Reader,
     x: Column,
     y: Row,
     n: Annotated[int, Query(ge=1, le=4096, description="directions of each technique")] = 256,
@@ -51,7 +50,6 @@ async def first_vertex(
 async def incident_radiance(
     scene: Scene,
     service: ServiceContext,
-    caller: Reader,
     x: Column,
     y: Row,
     replicates: Annotated[int, Query(ge=2, le=_MAX_REPLICATES, description="of 4 samples, per direction")] = 8,
@@ -68,7 +66,6 @@ async def incident_radiance(
 async def running_estimate(
     scene: Scene,
     service: ServiceContext,
-    caller: Reader,
     x: Column,
     y: Row,
     technique: Technique = "mis",
