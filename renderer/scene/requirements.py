@@ -86,7 +86,9 @@ class Requirements:
     def features(self) -> list[str]:
         """Names of what the kernel has to contain for this scene."""
         return [
-            f.name.removeprefix("has_") for f in fields(self) if f.name.startswith("has_") and getattr(self, f.name)
+            f.name.removeprefix("has_").replace("_", " ")
+            for f in fields(self)
+            if f.name.startswith("has_") and getattr(self, f.name)
         ]
 
 

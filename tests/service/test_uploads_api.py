@@ -57,7 +57,7 @@ def test_a_scene_says_what_it_requires_when_it_is_uploaded_and_after(client: htt
     scene = upload(client, "a.xml", PLAIN_SCENE.replace("0.4", "0.35")).json()
     found = scene["requirements"]
     assert (found["shapes"], found["emitters"], found["is_coloured"]) == ({"sphere": 1}, {"constant": 1}, False)
-    assert found["features"] == ["smooth", "environment"]
+    assert found["features"] == ["smooth", "environment", "visible emitters"]
     assert (found["unsupported"], found["warnings"]) == ([], [])
     assert client.get(f"/api/scenes/{scene['id']}").json()["requirements"] == found
 
