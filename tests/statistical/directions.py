@@ -31,9 +31,9 @@ class Cone:
     @property
     def frame(self) -> tuple[Array, Array]:
         other = np.eye(3)[np.argmin(np.abs(self.axis))]
-        x = np.cross(self.axis, other)
-        x /= np.linalg.norm(x)
-        return x, np.cross(self.axis, x)
+        across = np.cross(self.axis, other).astype(np.float64)
+        x = across / np.linalg.norm(across)
+        return x, np.cross(self.axis, x).astype(np.float64)
 
     @property
     def cell_solid_angle(self) -> float:
