@@ -256,10 +256,11 @@ export interface ProgressMessage {
   health?: ImageHealth | null;
 }
 
-/** Whether jobs start at once. */
+/** Whether jobs start at once, and if not, what is missing. */
 export interface Readiness {
   status: "ready" | "starting";
   renderer: "warm" | "starting" | "down";
+  not_ready: string[];
 }
 
 /** What a scene requires. A kind of plugin is counted by name; low and high bound the scene in its own units. */
@@ -329,6 +330,18 @@ export interface SceneName {
   name: string;
 }
 
+/** Who asks. client null: no keys are asked for. */
+export interface Session {
+  client: string | null;
+  role: "read" | "submit" | "admin";
+  keys_required: boolean;
+}
+
+/** A key to be kept in a cookie of the browser. */
+export interface SessionRequest {
+  key: string;
+}
+
 /** Which estimator a job runs, resolved. max_depth null: the scene's own. */
 export interface Settings {
   width: number;
@@ -337,6 +350,8 @@ export interface Settings {
   max_depth: number | null;
   technique: "mis" | "bsdf" | "emitter" | "cosine" | "uniform";
   adaptive?: boolean;
+  colour?: string;
+  channels?: string[];
 }
 
 /** Which estimator; what is left out comes from the scene. */
@@ -349,6 +364,10 @@ export interface SettingsRequest {
   technique?: "mis" | "bsdf" | "emitter" | "cosine" | "uniform";
   /** more samples where they lower the error most */
   adaptive?: boolean;
+  /** auto: the leanest that fits */
+  colour?: "auto" | "mono" | "rgb" | "spectral";
+  /** also in the EXR */
+  channels?: ("albedo" | "normal" | "depth" | "position" | "shape_index")[];
 }
 
 /** Where a job is. */
