@@ -44,6 +44,9 @@ NEEDED = {
     "GET /api/jobs/{job_id}/pixel": 1,
     "GET /api/jobs/{job_id}/image.exr": 1,
     "GET /api/jobs/{job_id}/image.png": 1,
+    "GET /api/learn/{scene}": 1,
+    "GET /api/learn/{scene}/incident": 1,
+    "GET /api/learn/{scene}/samples": 1,
     "GET /api/events": 1,
 }
 BOX = {"scene": {"gallery": "cornell-box"}, "settings": SMALL}
@@ -90,7 +93,9 @@ def test_every_operation_of_the_api_is_in_the_table(keyed: tuple[Server, dict[st
 @pytest.mark.parametrize("role", ROLES)
 def test_a_role_may_do_what_the_table_says(keyed: tuple[Server, dict[str, str]], operation: str, role: str) -> None:
     method, _, path = operation.partition(" ")
-    path = path.format(name="cornell-box", scene_id="nothere", job_id="nothere") + ("?x=0&y=0" * path.endswith("pixel"))
+    path = path.format(name="cornell-box", scene="nothere", scene_id="nothere", job_id="nothere") + (
+        "?x=0&y=0" * path.endswith("pixel")
+    )
     body = {"key": "x"} if operation == "POST /api/session" else {"target": {"spp": 1}}
     answer = ask(keyed, role, method, path, json=body if method == "POST" else None)
     if ROLES[role] >= NEEDED[operation]:
