@@ -164,7 +164,8 @@ def kept_scene(source: str, settings: Settings) -> Scene:
     import renderer
 
     if source not in _scenes:
-        _scenes[source] = renderer.load_scene(source, settings=settings)
+        # At its own size: whoever asks for it later may want that one.
+        _scenes[source] = renderer.load_scene(source, settings=replace(settings, width=None, height=None))
         while len(_scenes) > _KEPT_SCENES:
             _scenes.popitem(last=False)
     _scenes.move_to_end(source)
