@@ -35,7 +35,7 @@ def next_counts(moments: Moments, width: int, height: int, focus: NDArray[np.boo
     focus: (n,) pixels whose error counts; the others get the floor alone.
     """
     wanting, certainty = _wanting(moments, width, height)
-    weight = np.sqrt(wanting)
+    weight = np.sqrt(np.fmax(wanting, 0.0))  # sums of window differences may round below zero
     if focus is not None:
         weight, certainty = np.where(focus, weight, 0.0), 1.0
     n, tried = len(weight), moments.tried.astype(np.float64)
