@@ -14,7 +14,7 @@ from renderer.measure.result import TARGETS, Measurement, Point, Row
 from renderer.measure.table import percent, say_seconds
 
 PLOT_WIDTH, PLOT_HEIGHT = 330, 300
-LABELS = 150  # to the right of each panel, for the names of its lines
+LABELS = 176  # to the right of each panel, for the names of its lines
 LEFT, TOP, BOTTOM, GAP, MARGIN = 52, 104, 90, 22, 28
 MOST_COLUMNS = 2
 LINE = 15  # least distance of two labels

@@ -29,6 +29,7 @@ SCENES = (
     *(f"gallery/{s.name}" for s in renderer.gallery.list_scenes()),
     *("cornell-box", "veach-mis", "veach-bidir", "matpreview", "living-room", "room-indirect", "room-manylights"),
 )
+MIN_SHARE = 0.05
 RESULTS = Path(__file__).parent / "results"
 
 
@@ -103,11 +104,24 @@ def markdown(rows: list[dict[str, Any]], note: str) -> str:
         gains = [gain(key, n, size) for n in names if of[n, size][key] > 1e-9]
         return f"**{math.exp(np.mean(np.log(gains))):.2f}**"
 
+    def value(key: str, name: str, size: int) -> float:
+        row = of[name, size]
+        # A handful of trusted pixels says nothing of how often trust is deserved.
+        is_known = key != "coverage_trusted" or row["share_trusted"] >= MIN_SHARE
+        return row[key] if is_known else math.nan
+
+    def say(share: float) -> str:
+        return "–" if math.isnan(share) else f"{100 * share:.1f}"
+
     def covered(key: str) -> Any:
-        return lambda n, size: "–" if math.isnan(of[n, size][key]) else f"{100 * of[n, size][key]:.1f}"
+        return lambda n, size: say(value(key, n, size))
 
     def mean_covered(key: str) -> Any:
-        return lambda size: f"**{100 * np.nanmean([of[n, size][key] for n in names]):.1f}**"
+        def mean(size: int) -> str:
+            known = [v for n in names if not math.isnan(v := value(key, n, size))]
+            return f"**{say(sum(known) / len(known))}**" if known else "–"
+
+        return mean
 
     lines = ["# Replicate size", "", note]
     for key, title in (("rel_mse", "Variance: that of B = 1 over that of B"), ("variance_time", "The same × time")):
@@ -132,17 +146,20 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=48)
     parser.add_argument("--spp", type=int, default=256)
     parser.add_argument("--runs", type=int, default=6)
+    parser.add_argument("--add", action="store_true", help="keep the scenes that the folder holds already")
     parser.add_argument("--out", type=Path, default=RESULTS)
     asked = parser.parse_args()
     note = (
         f"`python -m tests.benchmarks.replicate_size --width {asked.width} --spp {asked.spp} --runs {asked.runs}`: "
         f"{asked.spp} samples per pixel, {asked.width} pixels wide, even sampling, {asked.runs} runs of each."
     )
-    rows: list[dict[str, Any]] = []
     asked.out.mkdir(exist_ok=True)
+    kept = asked.out / "replicate_size.json"
+    rows: list[dict[str, Any]] = json.loads(kept.read_text()) if asked.add and kept.is_file() else []
+    rows = [row for row in rows if row["scene"] not in asked.scenes]
     for name in asked.scenes:
         rows += measure(name, asked.width, asked.spp, asked.runs)
-        (asked.out / "replicate_size.json").write_text(json.dumps(rows, indent=1) + "\n")
+        kept.write_text(json.dumps(rows, indent=1) + "\n")
         (asked.out / "replicate_size.md").write_text(markdown(rows, note))
     Console().print(markdown(rows, note), markup=False)
 

@@ -272,8 +272,8 @@ def test_image_is_that_of_path(name: str, seed: int) -> None:
 
     total = our_variance + their_variance + (ROUNDING * np.abs(theirs)) ** 2
     degrees = np.minimum(total**2 / (their_variance**2 / (PATH_RUNS - 1) + 1e-60), 1e6)
-    p = 2 * student.sf(np.abs(ours - theirs) / np.sqrt(total), degrees)
-    worst = tuple(int(i) for i in np.unravel_index(int(np.argmin(p)), p.shape))
+    p: np.ndarray = 2 * student.sf(np.abs(ours - theirs) / np.sqrt(total), degrees)
+    worst = divmod(int(np.argmin(p)), ours.shape[1])
     assert p.min() > p_limit() / p.size, (
         f"block {worst}: ours {ours[worst]:.6g} ± {math.sqrt(our_variance[worst]):.2g}, path {theirs[worst]:.6g} ± "
         f"{math.sqrt(their_variance[worst]):.2g}; image {ours[-1]} and {theirs[-1]}"
@@ -282,8 +282,8 @@ def test_image_is_that_of_path(name: str, seed: int) -> None:
 
 def _pixels(estimate: renderer.Estimate) -> list[np.ndarray]:
     """The pixels of each block, for their number."""
-    index = np.arange(estimate.count.size).reshape(estimate.count.shape)
-    height, width = index.shape
+    height, width = estimate.height, estimate.width
+    index = np.arange(height * width).reshape(height, width)
     bands = np.array_split(index, max(1, height // BLOCK), axis=0)
     parts = [part.ravel() for band in bands for part in np.array_split(band, max(1, width // BLOCK), axis=1)]
     return [*parts, index.ravel()]
