@@ -30,6 +30,7 @@ def test_the_empty_page_offers_scenes(page: Page, narrow: Service) -> None:
     expect(dialog.get_by_role("radio", name="Cornell box")).to_be_checked()
 
 
+@pytest.mark.slow
 def test_queued_paused_and_a_restart(page: Page, narrow: Service, tmp_path: Path) -> None:
     running = narrow.submit({"seconds": 600}, width=64, height=64)
     waiting = narrow.submit({"spp": 64}, width=32, height=32)
@@ -83,6 +84,7 @@ def test_a_failed_job_says_why_and_what_to_try(page: Page, service: Service) -> 
     expect(page.get_by_role("dialog", name="New render").get_by_role("textbox", name="Width")).to_have_value("16")
 
 
+@pytest.mark.slow
 def test_a_slow_link_gets_smaller_frames(page: Page, service: Service) -> None:
     job_id = service.submit({"seconds": 30}, width=64, height=64)
     session = page.context.new_cdp_session(page)

@@ -268,7 +268,7 @@ def test_events_become_visible_in_the_order_of_their_ids(database: Database, job
 
     in_threads(6, add_some)
     is_over.set()
-    follower.join(20)
+    follower.join(120)
     with database.read() as connection:
         written = list(connection.execute(select(events.c.id).order_by(events.c.id)).scalars())
     assert len(written) == 120
