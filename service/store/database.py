@@ -6,8 +6,9 @@ locks the rows that a statement changes; what reads before it writes says FOR UP
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, insert, select, text
@@ -29,7 +30,7 @@ def _on_connect(connection: Any, _record: Any) -> None:
     # The driver must not begin transactions of its own; SQLAlchemy's "begin" below does.
     connection.isolation_level = None
     cursor = connection.cursor()
-    cursor.execute("PRAGMA busy_timeout=10000")
+    cursor.execute("PRAGMA busy_timeout=60000")
     cursor.execute("PRAGMA journal_mode=WAL")
     cursor.execute("PRAGMA synchronous=FULL")
     cursor.execute("PRAGMA foreign_keys=ON")
@@ -62,6 +63,9 @@ class Database:
         except ModuleNotFoundError:
             raise DatabaseError("the driver of PostgreSQL is missing; pip install 'fredholm[postgres]'") from None
         self._reading = self._writing
+        # SQLite lets one transaction write, and those that wait only look again now and then: on a slow disk one may
+        # wait in vain. Threads of this process take turns here instead.
+        self._turn = threading.Lock() if backend == "sqlite" else nullcontext()
         if backend == "sqlite":
             self._reading = create_engine(url)
             for engine, begin in ((self._writing, _begin_writing), (self._reading, _begin_reading)):
@@ -90,7 +94,7 @@ class Database:
     @contextmanager
     def write(self) -> Iterator[Connection]:
         """One transaction that may write; committed at the end of the block."""
-        with self._writing.begin() as connection:
+        with self._turn, self._writing.begin() as connection:
             yield connection
 
     @contextmanager

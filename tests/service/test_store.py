@@ -55,7 +55,7 @@ def in_threads(n: int, work: Callable[[], None]) -> None:
         except BaseException as error:
             failures.append(error)
 
-    threads = [threading.Thread(target=guarded) for _ in range(n)]
+    threads = [threading.Thread(target=guarded, daemon=True) for _ in range(n)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -259,16 +259,18 @@ def test_events_become_visible_in_the_order_of_their_ids(database: Database, job
         while not is_over.is_set() or jobs.last_event_id() > (seen[-1] if seen else 0):
             seen.extend(event.id for event in jobs.events_after(seen[-1] if seen else 0, 10))
 
-    follower = threading.Thread(target=follow)
+    follower = threading.Thread(target=follow, daemon=True)
     follower.start()
 
     def add_some() -> None:
         for _ in range(20):
             jobs.add(NEW)
 
-    in_threads(6, add_some)
-    is_over.set()
-    follower.join(120)
+    try:
+        in_threads(6, add_some)
+    finally:
+        is_over.set()
+        follower.join(120)
     with database.read() as connection:
         written = list(connection.execute(select(events.c.id).order_by(events.c.id)).scalars())
     assert len(written) == 120
