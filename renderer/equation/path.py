@@ -261,7 +261,7 @@ class PathKernel:
 
             active_next &= dr.any(throughput != 0)
             if dr.hint(self.model.has_roulette, mode="scalar"):
-                survival = roulette.survival_probability(throughput, eta)
+                survival = roulette.survival_probability(throughput, eta, depth_limit != NO_LIMIT)
                 plays = depth >= rr_depth
                 active_next &= ~plays | (lobe_and_roulette.y < survival)
                 throughput[plays] = throughput / survival

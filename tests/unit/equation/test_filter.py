@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from renderer.backend import mitsuba
-from renderer.equation.filter import PixelFilter
+from renderer.equation.filter import CELLS, PixelFilter
 
 FALSE_ALARM = 1e-6
 SAMPLES = 2**18
@@ -95,6 +95,16 @@ def test_weights_are_one_except_where_the_filter_has_negative_lobes(plugin: dict
         size = (np.abs(f).sum() / f.sum()) ** 2
         np.testing.assert_allclose(np.abs(weights), size, rtol=1e-4)
         assert (weights < 0).any()
+
+
+@pytest.mark.parametrize("plugin", [{"type": "tent", "radius": 2.5}, {"type": "gaussian"}], ids=["tent", "gaussian"])
+def test_offsets_are_spread_evenly_within_a_cell_of_the_table(plugin: dict[str, Any]) -> None:
+    """Else the camera would sample a thousand lines of a pixel and see none of what lies between them."""
+    offsets, _, radius, _ = draw(plugin, seed=4)
+    bins = 8
+    within = (offsets[:, 0] + radius) * (CELLS / (2 * radius)) % 1
+    observed = np.bincount((within * bins).astype(int), minlength=bins)
+    assert ((observed - SAMPLES / bins) ** 2 / (SAMPLES / bins)).sum() < chi2.ppf(1 - FALSE_ALARM, bins - 1)
 
 
 def test_a_box_keeps_every_sample_in_its_pixel() -> None:
