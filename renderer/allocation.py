@@ -2,11 +2,13 @@
 
 Enters: the moments at the end of a round. Leaves: for every pixel the number of replicates at the end of the next one.
 
-The image error is Σ v/(n·d) with v the variance of a replicate and d = mean² + floor; for a given Σ n it is least where
-n ∝ √(v/d). A pixel's own values must not decide how often it is sampled: one that found its light early would be
-sampled on and diluted, one that did not would be left dark, and the mean would be biased. So v/d comes from the pixel's
-neighbours alone; given their values its count is a constant, and its mean unbiased. A floor keeps every pixel going, so
-that light which nobody has found yet is still looked for; a limit on growth bounds what one odd value can do.
+The image error is Σ v/(n·d) with v the variance of a replicate and d = mean² + floor; with c the cost of a replicate, it
+is least for a given time Σ c·n where n ∝ √(v/(d·c)). Cost is counted in path segments, not in seconds: the same counts
+come out on every machine. A pixel's own values must not decide how often it is sampled: one that found its light early
+would be sampled on and diluted, one that did not would be left dark, and the mean would be biased. So v/d and c come
+from the pixel's neighbours alone; given their values its count is a constant, and its mean unbiased. A floor keeps every
+pixel going, so that light which nobody has found yet is still looked for; a limit on growth bounds what one odd value
+can do.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ def next_counts(moments: Moments, width: int, height: int, focus: NDArray[np.boo
     focus: (n,) pixels whose error counts; the others get the floor alone.
     """
     wanting, certainty = _wanting(moments, width, height)
-    weight = np.sqrt(np.fmax(wanting, 0.0))  # sums of window differences may round below zero
+    weight = np.sqrt(np.fmax(wanting, 0.0) / _cost(moments, width, height))  # differences may round below zero
     if focus is not None:
         weight, certainty = np.where(focus, weight, 0.0), 1.0
     n, tried = len(weight), moments.tried.astype(np.float64)
@@ -85,6 +87,14 @@ def _wanting(moments: Moments, width: int, height: int) -> tuple[NDArray[np.floa
         wanting = (expected * here + EVENTS * wanting) / (expected + EVENTS)
         events = event_rate(total, cubed, among)
     return wanting.ravel(), certainty
+
+
+def _cost(moments: Moments, width: int, height: int) -> NDArray[np.float64]:
+    """(n,) path segments that a replicate takes, from the neighbours of each pixel and without itself; 1 if unknown."""
+    segments, tried = (a.reshape(height, width).astype(np.float64) for a in (moments.segments, moments.tried))
+    around, among = (np.maximum(box_sum(a, WINDOW) - a, 0.0) for a in (segments, tried))
+    known = (around >= 1) & (among >= 1)
+    return np.where(known, around / np.maximum(among, 1.0), max(1.0, float(segments.sum() / tried.sum()))).ravel()
 
 
 def _poured(share: NDArray[np.float64], level: NDArray[np.float64], least: float, budget: float) -> NDArray[np.float64]:

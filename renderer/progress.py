@@ -233,22 +233,22 @@ class _Render:
         lanes = self.kernel.launch(pixels, replicates, self.settings.seed)
         return _Launch(work, layers, lanes, time.perf_counter(), self.sequence)
 
-    def _fetch(self, launched: _Launch) -> tuple[NDArray, NDArray]:
-        """Waits for a pass and returns its lanes' radiance (n, 3) and numbers of invalid samples (n,)."""
-        radiance, invalid = np.array(launched.lanes[0]).T, np.array(launched.lanes[1])
+    def _fetch(self, launched: _Launch) -> tuple[NDArray, NDArray, NDArray]:
+        """Waits for a pass and returns its lanes' radiance (n, 3), invalid samples (n,) and path segments (n,)."""
+        radiance, invalid, segments = np.array(launched.lanes[0]).T, *map(np.array, launched.lanes[1:])
         if launched.sequence == self.sequence:  # else it may have waited for us
             speed = launched.work.n_lanes * self.size / max(time.perf_counter() - launched.began, 1e-6)
             # The first pass may have compiled: a later, faster one replaces it at once.
             self.speed = speed if speed > 2 * self.speed else 0.7 * self.speed + 0.3 * speed
-        return radiance, invalid
+        return radiance, invalid, segments
 
-    def _add(self, launched: _Launch, results: tuple[NDArray, NDArray]) -> None:
-        radiance, invalid = results
+    def _add(self, launched: _Launch, results: tuple[NDArray, NDArray, NDArray]) -> None:
+        radiance, invalid, segments = results
         start = 0
         for some, _ in launched.layers:
             part = slice(start, start + len(some))
             where = slice(None) if len(some) == self.n else some
-            self.moments.add(where, radiance[part], invalid[part], self.size)
+            self.moments.add(where, radiance[part], invalid[part], self.size, segments[part])
             start += len(some)
         if launched is self.in_flight:
             self.in_flight = None

@@ -55,10 +55,11 @@ def replay(
     pixels = np.full(len(lanes), y * loaded.width + x, np.uint32)
     result = loaded.kernel(resolved).launch(pixels, lanes, resolved.seed)
     radiance = np.array(result[0]).T.reshape(len(lanes), 3)
-    invalid = np.array(result[1]).reshape(len(lanes))
+    invalid, segments = (np.array(counts).reshape(len(lanes)) for counts in result[1:])
     moments = Moments.empty(1)
     for r in range(len(lanes)):
-        moments.add(slice(None), radiance[r : r + 1], invalid[r : r + 1], resolved.replicate_size or 1)
+        one = slice(r, r + 1)
+        moments.add(slice(None), radiance[one], invalid[one], resolved.replicate_size or 1, segments[one])
     return Replay(replicates, radiance, invalid, moments)
 
 

@@ -88,17 +88,20 @@ class PathKernel:
         self.shutter_open = float(sensor.shutter_open())
         self.shutter_time = float(sensor.shutter_open_time())
 
-    def launch(self, pixels: Any, replicates: Any, seed: int) -> tuple[Any, Any]:
+    def launch(self, pixels: Any, replicates: Any, seed: int) -> tuple[Any, Any, Any]:
         """Starts one pass; reading the returned arrays waits for it.
 
         pixels, replicates: (n,) uint32, row-major pixel index and replicate index of each lane.
-        Returns radiance: Color3f of n, the mean of the finite samples; invalid: UInt32 of n, samples not finite.
+        Returns radiance: Color3f of n, the mean of the finite samples; invalid: UInt32 of n, samples not finite;
+        segments: UInt32 of n, of all its paths: what the lane cost.
         """
         low, high = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), dr.opaque(mi.UInt32, seed >> 32)
         with dr.suspend_grad(), using(self.variant):
-            radiance, invalid = self._run(_lanes(pixels), _lanes(replicates), low, high, self.sizes)
-        dr.eval(radiance, invalid)  # apart from what reads them: else their number would be compiled into the kernel
-        return radiance, invalid
+            radiance, invalid, segments = self._run(_lanes(pixels), _lanes(replicates), low, high, self.sizes)
+        dr.eval(
+            radiance, invalid, segments
+        )  # apart from what reads them: else their number would be compiled into the kernel
+        return radiance, invalid, segments
 
     @dr.syntax
     def _run(self, pixel: Any, replicate: Any, seed_low: Any, seed_high: Any, sizes: Sizes) -> Any:
@@ -126,6 +129,7 @@ class PathKernel:
         radiance = mi.Spectrum(0)  # of the current sample
         total = mi.Color3f(0)  # of the finished samples
         invalid = mi.UInt32(0)
+        segments = mi.UInt32(0)
         active = mi.Bool(True)
 
         while dr.hint(active, label="replicate"):
@@ -157,6 +161,7 @@ class PathKernel:
             ray = mi.Ray3f(origin, direction, time, wavelengths)
             si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
             bsdf = si.bsdf()
+            segments += 1
 
             # ------------------------------ Emission ------------------------------
 
@@ -280,7 +285,7 @@ class PathKernel:
             active &= index < replicate_size
 
         valid = mi.Float(replicate_size - invalid)
-        return dr.select(valid > 0, total / valid, 0), invalid
+        return dr.select(valid > 0, total / valid, 0), invalid, segments
 
     @staticmethod
     def to_rgb(radiance: Any, wavelengths: Any) -> Any:

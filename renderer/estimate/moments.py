@@ -27,7 +27,8 @@ class Moments:
     luminance has its own because channels are correlated. m3: (n,) sum of cubed deviations of Y. nonzero: (n,) int64
     replicates that were not black. largest: (n,) luminance of the brightest replicate. invalid: (n,) int64 samples that
     were not finite. tried: (n,) int64 replicates that were rendered; more than count where all samples of one were not
-    finite. Columns of mean and m2 are contiguous: they are folded one channel at a time.
+    finite. segments: (n,) int64 path segments that were traced: what the pixel cost. Columns of mean and m2 are
+    contiguous: they are folded one channel at a time.
     """
 
     count: NDArray[np.int64]
@@ -38,26 +39,33 @@ class Moments:
     largest: Array
     invalid: NDArray[np.int64]
     tried: NDArray[np.int64]
+    segments: NDArray[np.int64]
 
     @classmethod
     def empty(cls, n: int) -> Moments:
         """Moments of n pixels without any replicate."""
         whole = lambda: np.zeros(n, np.int64)  # noqa: E731
         columns = lambda k: np.zeros((n, k), order="F")  # noqa: E731
-        return cls(whole(), columns(3), columns(4), np.zeros(n), whole(), np.zeros(n), whole(), whole())
+        return cls(whole(), columns(3), columns(4), np.zeros(n), whole(), np.zeros(n), whole(), whole(), whole())
 
     def copy(self) -> Moments:
         """An independent copy."""
         return Moments(*(getattr(self, f.name).copy("K") for f in fields(self)))
 
     def add(
-        self, pixels: NDArray[np.integer] | slice, radiance: NDArray, invalid: NDArray, replicate_size: int
+        self,
+        pixels: NDArray[np.integer] | slice,
+        radiance: NDArray,
+        invalid: NDArray,
+        replicate_size: int,
+        segments: NDArray | int = 0,
     ) -> None:
         """Adds one replicate to each of `pixels` (distinct).
 
         radiance: (k, 3) replicate means. invalid: (k,) samples of each that were not finite; a replicate of which no
-        sample was finite counts as invalid samples only.
+        sample was finite counts as invalid samples only. segments: (k,) path segments of each.
         """
+        self.segments[pixels] += segments
         if invalid.any():
             numbers = np.arange(len(self.count))[pixels] if isinstance(pixels, slice) else pixels
             self.invalid[numbers] += invalid
@@ -116,6 +124,7 @@ class Moments:
             largest=np.maximum(self.largest, other.largest),
             invalid=self.invalid + other.invalid,
             tried=self.tried + other.tried,
+            segments=self.segments + other.segments,
         )
 
     def skewness(self) -> Array:

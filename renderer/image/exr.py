@@ -51,9 +51,11 @@ EXACT = (
     "tried",
     "m3",
     "planned",
+    "segments",
 )
 MOMENT_CHANNELS = tuple(f"{name}.{half}" for name in EXACT for half in ("low", "high"))
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
+OLDER = {2: MOMENT_CHANNELS[:-2]}  # without segments: those of such a file count as none
 
 
 def write_estimate(estimate: Estimate, path: Path, metadata: dict[str, Any]) -> None:
@@ -140,6 +142,7 @@ def _exact_array(estimate: Estimate) -> NDArray[np.uint32]:
         m.tried[:, None],
         m.m3[:, None],
         (np.zeros_like(m.tried) if estimate.planned is None else estimate.planned)[:, None],
+        m.segments[:, None],
     ]
     exact = np.concatenate([np.asarray(c, np.float64) for c in columns], axis=1)
     return np.ascontiguousarray(exact).view("<u4").reshape(estimate.height, estimate.width, -1)
@@ -184,13 +187,17 @@ def read_estimate(path: Path) -> Estimate:
         get = lambda key: spec.getattribute(f"fredholm:{key}")  # noqa: E731
         if get("format") is None:
             raise CheckpointError(f"{path} is an image, but not a Fredholm estimate: it carries no moments")
-        if get("format") != FORMAT_VERSION:
-            raise CheckpointError(f"{path} has estimate format {get('format')}; this version reads {FORMAT_VERSION}")
-        bits = source.read_image(1, 0, 0, len(MOMENT_CHANNELS), "uint")
-        if bits is None or bits.shape[-1] != len(MOMENT_CHANNELS):
+        names = MOMENT_CHANNELS if get("format") == FORMAT_VERSION else OLDER.get(get("format"))
+        if names is None:
+            known = ", ".join(map(str, (*OLDER, FORMAT_VERSION)))
+            raise CheckpointError(f"{path} has estimate format {get('format')}; this version reads {known}")
+        bits = source.read_image(1, 0, 0, len(names), "uint")
+        if bits is None or bits.shape[-1] != len(names):
             raise CheckpointError(f"{path} is damaged: its moments cannot be read ({source.geterror()})")
-        order = [source.spec(1).channelnames.index(name) for name in MOMENT_CHANNELS]  # OpenEXR sorts channels
-        exact = np.ascontiguousarray(bits[..., order], dtype="<u4").reshape(-1, len(MOMENT_CHANNELS)).view("<f8")
+        order = [source.spec(1).channelnames.index(name) for name in names]  # OpenEXR sorts channels
+        exact = np.ascontiguousarray(bits[..., order], dtype="<u4").reshape(-1, len(names)).view("<f8")
+        if len(names) < len(MOMENT_CHANNELS):
+            exact = np.pad(exact, ((0, 0), (0, len(EXACT) - exact.shape[1])))
         return Estimate(
             width=spec.width,
             height=spec.height,
@@ -204,6 +211,7 @@ def read_estimate(path: Path) -> Estimate:
                 largest=exact[:, 9].copy(),
                 invalid=exact[:, 10].astype(np.int64),
                 tried=exact[:, 11].astype(np.int64),
+                segments=exact[:, 14].astype(np.int64),
             ),
             identity=Identity(
                 scene=get("scene_digest"),

@@ -117,7 +117,7 @@ class Lesson:
         n = columns * rows
         pixels = np.tile(np.arange(n, dtype=np.uint32), len(replicates))
         numbers = np.repeat(np.asarray(replicates, dtype=np.uint32), n)
-        radiance, invalid = kernel.launch(pixels, numbers, seed)
+        radiance, invalid, _ = kernel.launch(pixels, numbers, seed)
         moments = Moments.empty(n)
         values = np.array(radiance, dtype=np.float64).T
         not_finite = np.array(invalid)
@@ -175,7 +175,7 @@ class Lesson:
         """Luminance of the pixel's samples number `replicates` by a technique: independent, of one path each."""
         settings = self.scene.resolved(Settings(technique=technique), 1)  # type: ignore[arg-type]
         pixel = np.full(len(replicates), self.y * self.scene.width + self.x, dtype=np.uint32)
-        radiance, _ = self.scene.kernel(settings).launch(pixel, np.asarray(replicates, dtype=np.uint32), seed)
+        radiance, *_ = self.scene.kernel(settings).launch(pixel, np.asarray(replicates, dtype=np.uint32), seed)
         return np.array(mi.luminance(radiance), dtype=np.float64)
 
     def _map_kernel(self) -> PathKernel:

@@ -40,11 +40,11 @@ def measure(name: str) -> tuple[float, float]:
     for index in range(ROUNDS + 1):
         began = time.perf_counter()
         lanes = kernel.launch(pixels, np.full(n, index, np.uint32), 0)
-        radiance, invalid = np.array(lanes[0]).T, np.array(lanes[1])
+        radiance, invalid, segments = np.array(lanes[0]).T, *map(np.array, lanes[1:])
         rendered = time.perf_counter()
         plain(total, count, radiance)
         summed = time.perf_counter()
-        moments.add(slice(None), radiance, invalid, REPLICATE_SIZE)
+        moments.add(slice(None), radiance, invalid, REPLICATE_SIZE, segments)
         recorded = time.perf_counter()
         for kept, took in zip(seconds, (rendered - began, summed - rendered, recorded - summed), strict=True):
             kept.append(took)

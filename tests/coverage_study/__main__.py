@@ -85,7 +85,7 @@ def show_adaptive(scenes: list[str], runs: int, quick: bool) -> None:
         table.add_column(column, justify="left" if column == "scene" else "right")
     gains = []
     for name in scenes:
-        gain = adaptive.measure(name, 2500 if quick else 7000, runs)
+        gain = adaptive.measure(name, 2500 if quick else 6000, runs)
         gains.append(gain.time)
         cells = (f"{gain.time:.2f}", f"{gain.samples:.2f}", f"{100 * gain.error:.1f} %")
         table.add_row(name, *cells)
@@ -109,7 +109,7 @@ def main() -> None:
     usual = {
         "coverage": (show_coverage, [*gallery_names(), *SHARED, *rare_light.NAMES], 200),
         "stopping": (show_stopping, list(STOPPING), 100),
-        "adaptive": (show_adaptive, [*gallery_names(), *SHARED, *MORE_ADAPTIVE], 3),
+        "adaptive": (show_adaptive, [*gallery_names(), *SHARED, *MORE_ADAPTIVE], 2),
     }
     for part in parts:
         show, scenes, runs = usual[part]

@@ -26,12 +26,15 @@ SIZE = 16
 
 @dataclass(frozen=True)
 class Bank:
-    """values: (replicates, pixels, 3) float32 replicate means of the scene's image."""
+    """values: (replicates, pixels, 3) float32 replicate means of the scene's image. segments: (pixels,) mean number of
+    path segments of a replicate, rounded.
+    """
 
     name: str
     scene: renderer.Scene
     values: NDArray[np.float32]
     settings: Settings
+    segments: NDArray[np.int64]
     mean: NDArray[np.float64] = field(init=False)
     variance: NDArray[np.float64] = field(init=False)
 
@@ -45,16 +48,17 @@ class BankKernel:
     """Deals replicates from a bank in place of rendering them."""
 
     def __init__(self, bank: Bank) -> None:
-        self.values = bank.values
+        self.values, self.segments = bank.values, bank.segments
 
-    def launch(self, pixels: NDArray, replicates: NDArray, seed: int) -> tuple[NDArray, NDArray]:
-        """Radiance (3, n) and invalid (n,) of lanes."""
+    def launch(self, pixels: NDArray, replicates: NDArray, seed: int) -> tuple[NDArray, NDArray, NDArray]:
+        """Radiance (3, n), invalid (n,) and segments (n,) of lanes."""
         pixels = np.asarray(pixels, np.uint64)
         index = _mixed(
             _mixed(np.uint64(seed) + pixels * np.uint64(0x9E3779B97F4A7C15)) + np.asarray(replicates, np.uint64)
         )
         chosen = (index % np.uint64(len(self.values))).astype(np.int64)
-        return self.values[chosen, pixels.astype(np.int64)].T, np.zeros(len(pixels), np.uint32)
+        where = pixels.astype(np.int64)
+        return self.values[chosen, where].T, np.zeros(len(pixels), np.uint32), self.segments[where]
 
 
 def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
@@ -87,11 +91,13 @@ def fill(name: str, pixels: int, replicates: int, seed: int = 1) -> Bank:
     scene = scene.sized(settings)
     kernel = scene.kernel(scene.resolved(settings, SIZE))
     n = scene.width * scene.height
-    values = np.empty((replicates, n, 3), np.float32)
+    values, segments = np.empty((replicates, n, 3), np.float32), np.zeros(n, np.int64)
     step = max(1, LANES // n)
     every = np.arange(n, dtype=np.uint32)
     for first in range(0, replicates, step):
         some = np.arange(first, min(first + step, replicates), dtype=np.uint32)
-        radiance = np.array(kernel.launch(np.tile(every, len(some)), np.repeat(some, n), seed)[0])
+        lanes = kernel.launch(np.tile(every, len(some)), np.repeat(some, n), seed)
+        radiance = np.array(lanes[0])
+        segments += np.array(lanes[2]).reshape(len(some), n).sum(axis=0)
         values[some] = np.broadcast_to(radiance, (3, radiance.shape[-1])).T.reshape(len(some), n, 3)
-    return Bank(name, scene, values, settings)
+    return Bank(name, scene, values, settings, segments // replicates)

@@ -36,7 +36,7 @@ def measure(bank: Bank, runs: int, counts: tuple[int, ...] = COUNTS) -> list[Cov
     for run in range(runs):
         moments = Moments.empty(n)
         for index in range(max(counts)):
-            radiance, _ = kernel.launch(pixels, np.full(n, index, np.uint32), 1000 + run)
+            radiance, *_ = kernel.launch(pixels, np.full(n, index, np.uint32), 1000 + run)
             moments.add(slice(None), radiance.T, none, 16)
             if index + 1 in sums:
                 is_trusted = trust(moments, width)

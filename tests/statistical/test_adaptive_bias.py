@@ -29,11 +29,12 @@ class FlashKernel:
     def __init__(self, probability: float) -> None:
         self.probability = probability
 
-    def launch(self, pixels: NDArray, replicates: NDArray, seed: int) -> tuple[NDArray, NDArray]:
+    def launch(self, pixels: NDArray, replicates: NDArray, seed: int) -> tuple[NDArray, ...]:
         rng = np.random.default_rng([seed, int(replicates[0]), len(pixels), int(pixels[0]), int(pixels[-1])])
         hits = rng.binomial(SIZE, self.probability, len(pixels)) / (SIZE * self.probability)
         value = rng.gamma(4.0, 0.25, len(pixels)) + hits * (pixels % WIDTH >= WIDTH // 2)
-        return np.repeat(value.astype(np.float32)[None], 3, axis=0), np.zeros(len(pixels), np.uint32)
+        segments = SIZE + rng.binomial(8 * SIZE, 0.5, len(pixels)) + (hits * SIZE * self.probability).astype(np.int64)
+        return np.repeat(value.astype(np.float32)[None], 3, axis=0), np.zeros(len(pixels), np.uint32), segments
 
 
 @pytest.fixture(scope="module")

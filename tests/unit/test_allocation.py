@@ -49,6 +49,24 @@ def test_a_pixels_own_values_do_not_change_its_count() -> None:
     assert next_counts(moments, WIDTH, HEIGHT)[neighbour] > after[neighbour], "its neighbours do take notice"
 
 
+def test_of_equally_noisy_pixels_the_cheaper_ones_get_more() -> None:
+    moments = moments_of(np.full(N, 0.5), 40)
+    is_dear = np.arange(N) % WIDTH >= WIDTH // 2
+    moments.segments += np.where(is_dear, 9 * 40 * 4, 40 * 4)
+    more = next_counts(moments, WIDTH, HEIGHT) - moments.tried
+    inside = np.abs(np.arange(N) % WIDTH - (WIDTH - 1) / 2) > 2
+    assert more[inside & is_dear].mean() < 0.1 * more[inside & ~is_dear].mean(), "they are behind, and wait"
+    for _ in range(12):
+        wanted = next_counts(moments, WIDTH, HEIGHT)
+        ratio = wanted[inside & ~is_dear].mean() / wanted[inside & is_dear].mean()
+        moments.segments = moments.segments * wanted // moments.tried
+        moments.count, moments.m2 = wanted, moments.m2 * (wanted / moments.tried)[:, None]
+        moments.tried = wanted.copy()
+    assert ratio == pytest.approx(
+        (FLOOR_SHARE / 2 + (1 - FLOOR_SHARE) * 0.75) / (FLOOR_SHARE / 2 + (1 - FLOOR_SHARE) * 0.25), rel=0.1
+    )
+
+
 def grown(spread: NDArray, rounds: int, **more: NDArray) -> Moments:
     """Rounds of adaptive sampling."""
     rng, moments = np.random.default_rng(3), moments_of(spread, 4)

@@ -32,7 +32,8 @@ def accumulate(values: NDArray[np.float32], into: Moments | None = None) -> Mome
     """Adds the replicates one by one."""
     moments = into or Moments.empty(values.shape[1])
     for replicate in values:
-        moments.add(slice(None), replicate, np.zeros(len(replicate), np.uint32), REPLICATE_SIZE)
+        segments = np.arange(len(replicate)) + REPLICATE_SIZE
+        moments.add(slice(None), replicate, np.zeros(len(replicate), np.uint32), REPLICATE_SIZE, segments)
     return moments
 
 
@@ -45,7 +46,7 @@ def assert_same_bits(a: Moments, b: Moments) -> None:
 
 def assert_close(a: Moments, b: Moments) -> None:
     """Equal counts; mean and m2 to 1e-12 of what they are sums of."""
-    for name in ("count", "nonzero", "largest", "invalid"):
+    for name in ("count", "nonzero", "largest", "invalid", "tried", "segments"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
     squares = np.maximum(a.m2[:, :3] + a.count[:, None] * a.mean**2, np.finfo(float).tiny)
     scale = np.sqrt(squares / np.maximum(a.count, 1)[:, None])

@@ -18,6 +18,7 @@ from renderer.errors import CheckpointError
 from renderer.estimate.error import image_error
 from renderer.estimate.estimate import Estimate, Identity
 from renderer.estimate.moments import Moments
+from renderer.image import exr
 
 WIDTH, HEIGHT = 7, 5
 N = WIDTH * HEIGHT
@@ -30,7 +31,7 @@ def estimate(moments: Moments | None = None) -> Estimate:
         moments = Moments.empty(N)
         for _ in range(12):
             invalid = (rng.random(N) < 0.05).astype(np.uint32)
-            moments.add(slice(None), rng.gamma(2, 1, (N, 3)).astype(np.float32), invalid, 4)
+            moments.add(slice(None), rng.gamma(2, 1, (N, 3)).astype(np.float32), invalid, 4, np.arange(N) + 4)
     identity = Identity("0123abcd" * 8, "Büchse", {"width": WIDTH, "height": HEIGHT, "technique": "mis"}, 2**63 - 1)
     return Estimate(WIDTH, HEIGHT, 4, moments, identity, seconds=0.1 + 0.2, ranges=((2**63 - 1, 12),))
 
@@ -72,9 +73,26 @@ def test_every_float64_survives(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     pick = lambda *shape: rng.choice(EXTREMES, shape) * rng.choice([1.0, -1.0], shape)  # noqa: E731
     whole = lambda: rng.integers(0, 2**40, N)  # noqa: E731
-    moments = Moments(whole(), pick(N, 3), np.abs(pick(N, 4)), pick(N), whole(), np.abs(pick(N)), whole(), whole())
+    moments = Moments(
+        whole(), pick(N, 3), np.abs(pick(N, 4)), pick(N), whole(), np.abs(pick(N)), whole(), whole(), whole()
+    )
     estimate(moments).write(tmp_path / "a.exr")
     assert_same_bits(Estimate.read(tmp_path / "a.exr").moments, moments)
+
+
+def test_a_file_from_before_segments_were_counted_is_still_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as older:
+        whole = exr._exact_array
+        older.setattr(exr, "FORMAT_VERSION", 2)
+        older.setattr(exr, "MOMENT_CHANNELS", exr.OLDER[2])
+        older.setattr(exr, "_exact_array", lambda e: np.ascontiguousarray(whole(e)[..., :-2]))
+        estimate().write(tmp_path / "a.exr")
+    read, written = Estimate.read(tmp_path / "a.exr").moments, estimate().moments
+    assert not read.segments.any()
+    written.segments[:] = 0
+    assert_same_bits(read, written)
 
 
 def test_reading_and_writing_again_changes_nothing(tmp_path: Path) -> None:
