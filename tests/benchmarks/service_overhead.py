@@ -3,8 +3,8 @@
     python -m tests.benchmarks.service_overhead [--size N] [--spp N] [--rounds N]
 
 Both sides render the same samples, warm, in turns, each in a process of its own that is set up in the same way; the
-job with frames shown, its progress streamed to one listener, and estimates saved on the way. What is reported is the ratio, of
-wall-clock seconds and of processor seconds: the second hardly feels what else the machine does.
+job with frames shown, its progress streamed to one listener, and estimates saved on the way. What is reported is the
+ratio, of wall-clock seconds and of processor seconds: the second hardly feels what else the machine does.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ import os
 import random
 import signal
 import time
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,8 +64,8 @@ def insist(server: Server, method: str, path: str, **more: Any) -> httpx.Respons
         time.sleep(0.05)
 
 
-def disturb(server: Server, rng: random.Random) -> None:
-    """Kill something."""
+def disturb(server: Server, rng: random.Random) -> str:
+    """Kill something, and say what."""
     renders = [pid for pid in server.render_pids() if is_alive(pid)]
     what = rng.choice(("service", "render", "both")) if renders else "service"
     if what != "service":
@@ -73,10 +74,11 @@ def disturb(server: Server, rng: random.Random) -> None:
     if what != "render":
         server.kill()
         server.start(wait_until="/healthz")
+    return what
 
 
 def chaos(folder: Path, database_url: str, n_jobs: int, side: int, n_kills: int, seed: int) -> None:
-    rng = random.Random(seed)
+    rng, began = random.Random(seed), time.monotonic()
     print(f"chaos with seed {seed}: {n_jobs} jobs, {n_kills} kills")
     server = Server(folder / "data", ROUGH | {"FREDHOLM_DATABASE_URL": database_url}).start(wait_until="/healthz")
     try:
@@ -94,18 +96,27 @@ def chaos(folder: Path, database_url: str, n_jobs: int, side: int, n_kills: int,
         late = list(asked)
         for _ in range(max(1, n_jobs // 2)):
             submit(late.pop(0))
+        kills: Counter[str] = Counter()
         for _ in range(n_kills):
             time.sleep(rng.uniform(0.3, 2.5))
-            disturb(server, rng)
+            kills[disturb(server, rng)] += 1
             if late:
                 submit(late.pop(0))
         while late:
             submit(late.pop(0))
         ended = [server.wait_ended(job_id, 400) for job_id in ids]
         pids = server.render_pids() + server.render_pids("inspect")
+        took = time.monotonic() - began
         check_images(server, asked, ended)
         server.stop()
         check_nothing_is_left(server, ids, pids)
+        told = ", ".join(f"{what} {n}" for what, n in sorted(kills.items()))
+        torn = ("job continues after a restart", "job lost its render process")
+        interrupted = [line["job"] for line in server.log() if line.get("event") in torn]
+        print(
+            f"all ended after {took:.0f} s; killed: {told}; {len(interrupted)} interruptions of {len(set(interrupted))}"
+        )
+        print("jobs; every image equals that of a calm run; nothing is left")
     finally:
         if server.process is not None and server.process.poll() is None:
             server.kill()
@@ -142,4 +153,4 @@ def test_a_few_jobs_survive_a_few_kills(tmp_path: Path, database_url: str) -> No
 
 @pytest.mark.slow
 def test_twenty_jobs_survive_a_dozen_kills(tmp_path: Path, database_url: str) -> None:
-    chaos(tmp_path, database_url, n_jobs=20, side=192, n_kills=12, seed=random.SystemRandom().randrange(10**6))
+    chaos(tmp_path, database_url, n_jobs=20, side=128, n_kills=12, seed=random.SystemRandom().randrange(10**6))
