@@ -11,7 +11,7 @@ import contextlib
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Literal
 
@@ -37,6 +37,8 @@ _TOLD_SECONDS = 7 * 86400.0
 _NOT_RUNNING = frozenset({*State} - {State.RUNNING})
 # A turn that takes this many times as long as the one before hangs.
 _DEADLINE_FACTOR = 10.0
+# An exception that nobody foresaw may be the fault of what its process did before: the job is tried in another one.
+_SURPRISES = 2
 
 
 class Runner:
@@ -67,6 +69,7 @@ class Runner:
         self._wake = asyncio.Event()
         self._may_claim = True  # something was queued, or a slot became free, since the queue was last looked at
         self._turns = 0
+        self._is_spoilt = False  # the render process: an unexpected exception was raised in it
         self._is_stopping = False
         self._task: asyncio.Task[None] | None = None
         self._log = structlog.get_logger("service.runner")
@@ -83,6 +86,11 @@ class Runner:
     def wake(self) -> None:
         """Something was queued."""
         self._may_claim = True
+        self._wake.set()
+
+    def renew_renderer(self) -> None:
+        """Have the render process replaced: an unexpected exception was raised in it."""
+        self._is_spoilt = True
         self._wake.set()
 
     def expected_start(self, queue_position: int | None) -> str | None:
@@ -200,6 +208,7 @@ class Runner:
         except Exception as error:
             # The first job will say what is wrong, to whoever asked for it.
             self.renderer_state = "down"
+            self._is_spoilt = True
             self._log.error("renderer did not warm up", cause=str(error))
 
     async def _call(self, seconds: float, call: Callable[..., Any], *args: object) -> Any:
@@ -214,6 +223,8 @@ class Runner:
     async def _step(self) -> None:
         """Let the next job have its turn, or wait until there is one."""
         self._wake.clear()
+        if self._is_spoilt:
+            await self._replace_renderer()
         for live in self.live_jobs():
             if live.wish is not None:
                 await self._leave(live, live.wish)
@@ -267,7 +278,7 @@ class Runner:
         self.renderer_state = "warm"
         self._loaded.add(live.record.scene_ref)
         if result.failure is not None:
-            await self._fail(live, result.failure)
+            await (self._try_elsewhere if result.failure.is_unexpected else self._fail)(live, result.failure)
             return
         live.absorb(result)
         self._metrics.turn(live.turn_seconds, live.progress.samples - before.samples)
@@ -335,6 +346,33 @@ class Runner:
             hint="The scene may be damaged or too large for the memory: try fewer pixels or a simpler scene.",
         )
         await self._fail(live, failure)
+
+    async def _try_elsewhere(self, live: LiveJob, failure: Failure) -> None:
+        """After an unexpected exception: the same job in a fresh process, from its last saved estimate, once."""
+        self._is_spoilt = True
+        try:
+            live.record = await asyncio.to_thread(self._store.count_crash, live.record)
+        except Superseded:
+            self._abandon(live)
+            return
+        crashes = live.record.crashes
+        self._log.error("job raised an unexpected exception", job=live.record.id, crashes=crashes, trace=failure.trace)
+        if crashes >= min(_SURPRISES, self._settings.crash_limit):
+            detail = f"{failure.detail} It was tried {crashes} times, each time in a process of its own."
+            await self._fail(live, replace(failure, detail=detail))
+
+    async def _replace_renderer(self) -> None:
+        """Save what runs, end the render process; the next call starts another, where all go on as after a pause."""
+        self._is_spoilt = False
+        self._log.warning("render process is replaced after an unexpected exception")
+        for live in self.live_jobs():
+            with contextlib.suppress(Lost):  # then it goes on from what was saved before
+                result: TurnResult = await self._call(_LEAVE_SECONDS, worker.retire, self._turn(live))
+                live.absorb(result)
+                if result.saved is not None:
+                    await self._save(live, result.saved)
+        with contextlib.suppress(Lost):
+            await self._call(_LEAVE_SECONDS, worker.end)
 
     async def _fail(self, live: LiveJob, failure: Failure) -> None:
         self._log.error("job failed", job=live.record.id, cause=failure.detail, trace=failure.trace)

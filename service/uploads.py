@@ -124,7 +124,10 @@ class Uploads:
         try:
             if self._engine.pid is None:
                 await self._engine.submit(inspection.prepare, memory_bytes, deadline=_LOADING_SECONDS)
-            return await self._engine.submit(call, source, memory_bytes, deadline=seconds)
+            facts = await self._engine.submit(call, source, memory_bytes, deadline=seconds)
+            if facts.failure is not None and facts.failure.is_unexpected:
+                self._engine.close()  # the next scene is checked in a fresh process
+            return facts
         except Lost as lost:
             raise scene_refused(
                 "The scene could not be loaded",

@@ -37,12 +37,17 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why a scene cannot be loaded or rendered. trace: for the log only."""
+    """Why a scene cannot be loaded or rendered. trace: for the log only.
+
+    is_unexpected: nobody foresaw the exception. Raised while a kernel was traced, it may have spoilt those to come:
+    the process is to be replaced.
+    """
 
     title: str
     detail: str
     hint: str
     trace: str | None = None
+    is_unexpected: bool = False
 
 
 @dataclass(frozen=True, slots=True)

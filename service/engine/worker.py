@@ -89,6 +89,11 @@ def warm_up() -> None:
         break
 
 
+def end() -> None:
+    """End this process; the next call is made in a fresh one."""
+    os._exit(0)
+
+
 def advance(turn: Turn) -> TurnResult:
     """Render one job for about `turn.seconds`, show the newest snapshot, save the estimate if due."""
     key = (turn.job_id, turn.attempt)
@@ -274,4 +279,5 @@ def failure_of(error: Exception) -> Failure:
         detail = f"The estimate could not be saved: {error.strerror}."
         return Failure("A file could not be written", detail, "Free some disk space and submit again.", trace)
     detail = f"The renderer stopped with an unexpected {type(error).__name__}."
-    return Failure("Rendering failed", detail, "Try other settings; the log of the service has the details.", trace)
+    hint = "Try other settings; the log of the service has the details."
+    return Failure("Rendering failed", detail, hint, trace, is_unexpected=True)

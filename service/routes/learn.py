@@ -94,5 +94,7 @@ async def _ask(service: Service, call: Callable[..., T | Failure], *arguments: o
     except Lost as lost:
         raise ProblemError(503, "renderer-lost", "The renderer was lost", f"{lost}; ask again.") from None
     if isinstance(answer, Failure):
+        if answer.is_unexpected:
+            service.runner.renew_renderer()
         raise ProblemError(500, "lesson-failed", answer.title, answer.detail)
     return answer

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,8 @@ import httpx
 import pytest
 from postgres import MISSING, Postgres, is_installed
 from service_process import Server
+
+_SHARED_MEMORY = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
 
 
 @pytest.fixture(scope="session")
@@ -23,11 +27,14 @@ def postgres() -> Iterator[Postgres]:
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
-def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+def database_url(request: pytest.FixtureRequest) -> Iterator[str]:
     """URL of a fresh database: what is tested with it holds on both kinds."""
-    if request.param == "sqlite":
-        return f"sqlite:///{tmp_path / 'test.sqlite'}"
-    return request.getfixturevalue("postgres").new_database()
+    if request.param == "postgresql":
+        yield request.getfixturevalue("postgres").new_database()
+        return
+    # Nothing here must survive a power cut, so nothing waits for the disk where there is shared memory.
+    with tempfile.TemporaryDirectory(prefix="fredholm-test-", dir=_SHARED_MEMORY) as folder:
+        yield f"sqlite:///{folder}/test.sqlite"
 
 
 @pytest.fixture(scope="session")

@@ -263,7 +263,7 @@ def test_events_become_visible_in_the_order_of_their_ids(database: Database, job
     follower.start()
 
     def add_some() -> None:
-        for _ in range(20):
+        for _ in range(12):
             jobs.add(NEW)
 
     try:
@@ -273,7 +273,7 @@ def test_events_become_visible_in_the_order_of_their_ids(database: Database, job
         follower.join(120)
     with database.read() as connection:
         written = list(connection.execute(select(events.c.id).order_by(events.c.id)).scalars())
-    assert len(written) == 120
+    assert len(written) == 72
     assert seen == written
 
 
