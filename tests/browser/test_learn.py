@@ -7,7 +7,7 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 from running import Service
-from test_layout import AXE, axe_findings
+from test_axe import AXE, axe_findings
 
 
 def test_a_lesson_about_one_pixel(page: Page, service: Service) -> None:

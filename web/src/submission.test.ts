@@ -63,6 +63,9 @@ const job = {
 
 it('continuing asks for half of the error reached', () => {
   expect(furtherTarget(job, [1, 2, 3, 4])).toMatchObject({ hasError: true, errorPercent: '1.9', hasSeconds: false, region: '1, 2, 3, 4' });
+  // A target that was missed comes before a better one.
+  expect(furtherTarget({ ...job, error: 0.05 } as Job, null)).toMatchObject({ errorPercent: '4' });
+  expect(furtherTarget({ ...job, error: 0.2 } as Job, null)).toMatchObject({ errorPercent: '10' });
   const timed = furtherTarget({ ...job, target: { seconds: 10 } } as Job, null);
   expect(timed).toMatchObject({ hasError: false, hasSeconds: true, seconds: '48' });
 });

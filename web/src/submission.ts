@@ -87,13 +87,15 @@ function regionOf(text: string): Region | null | undefined {
   return isFine ? (numbers as Region) : undefined;
 }
 
-/** What a job that has ended may be continued to: half the error, or twice the time or samples. */
+/** What a job that has ended may be continued to: half the error (a target that was missed first), twice the time or samples. */
 export function furtherTarget(job: Job, region: Region | null): TargetDraft {
   const { target, error, seconds, spp } = job;
   const text = (value: number): string => String(+value.toPrecision(2));
+  const reached = error ?? target.error ?? 0.05;
+  const missed = target.error && reached > target.error ? target.error : 0;
   return {
     hasError: !!target.error || (!target.seconds && !target.spp),
-    errorPercent: text(Math.max(50 * Math.min(error ?? target.error ?? 0.05, target.error ?? Infinity), 0.01)),
+    errorPercent: text(Math.max(50 * reached, 100 * missed, 0.01)),
     hasSeconds: !!target.seconds,
     seconds: text(Math.max(4 * seconds, 2 * (target.seconds ?? 0), 1)),
     hasSpp: !!target.spp && !target.error,

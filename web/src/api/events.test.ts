@@ -61,6 +61,18 @@ it('hands events on as values and reads anew on every connection', () => {
   expect(reloads).toBe(1);
 });
 
+it('takes a ping for life, and 40 s of silence for a loss', () => {
+  stream.start();
+  last().opens();
+  for (let i = 0; i < 8; i++) {
+    vi.advanceTimersByTime(15_000);
+    last().says('ping', '{"at":"2026-01-01T00:00:00Z"}');
+  }
+  expect(sources).toHaveLength(1);
+  vi.advanceTimersByTime(40_000);
+  expect(sources).toHaveLength(2);
+});
+
 it('leaves a dropped socket to the browser', () => {
   stream.start();
   last().opens();

@@ -1,7 +1,7 @@
 /** Wire types under the names that the page uses. Errors are relative (0.031 = 3.1 %), times are seconds of rendering. */
 import type * as wire from './messages';
 
-export type { Cause, CurvePoint, FieldError, FirstVertex, Forecast, GalleryScene, Requirements } from './messages';
+export type { Cause, CurvePoint, FieldError, FirstVertex, Forecast, GalleryScene, Requirements, Session } from './messages';
 export type JobState = wire.State;
 export type Technique = wire.Settings['technique'];
 export type StoppedBy = NonNullable<wire.Job['stopped_by']>;

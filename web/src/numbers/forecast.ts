@@ -39,13 +39,16 @@ export function timeLeft(job: Measured & Pick<Job, 'forecast' | 'state'>): strin
     const low = job.forecast?.low ?? null;
     const high = job.forecast?.high ?? null;
     const spread = low !== null && high !== null && high > 1.25 * Math.max(low, 1) ? range(low, high) : '';
-    return `about ${roughDuration(left)} of rendering left${spread}`;
+    return `${about(left)} of rendering left${spread}`;
   }
   if (limit === null) return null;
   return job.target.error && left === null
     ? `at most ${roughDuration(limit)} of rendering left`
-    : `about ${roughDuration(limit)} of rendering left`;
+    : `${about(limit)} of rendering left`;
 }
+
+/** "about 40 s", but "under 1 s". */
+const about = (seconds: number): string => (seconds < 1 ? roughDuration(seconds) : `about ${roughDuration(seconds)}`);
 
 function range(low: number, high: number): string {
   const [from, to] = [roughDuration(low), roughDuration(high)];

@@ -3,6 +3,7 @@ import { getJob, listGallery, listJobs } from '../api/client';
 import { type Connection, EventStream, pauseWhileHidden } from '../api/events';
 import { isAbort, problemOf } from '../api/problem';
 import { type CurvePoint, type GalleryScene, isEnded, type Job, type Progress } from '../api/types';
+import { session } from './session.svelte';
 import { withJob, withList, withPoint, withProgress } from './fold';
 
 class Board {
@@ -21,7 +22,11 @@ class Board {
   readonly stream = new EventStream({
     open: () => new EventSource('api/events'),
     onConnected: () => void this.reload(),
-    onConnection: (state) => (this.connection = state),
+    onConnection: (state) => {
+      // A key that was taken back ends the stream, too: only the session can tell why.
+      if (state === 'lost' && this.connection !== 'lost') void session.check(window);
+      this.connection = state;
+    },
     onEvent: (type, data) => this.take(type, data),
   });
 
@@ -35,6 +40,7 @@ class Board {
   }
 
   async reload(): Promise<void> {
+    void session.check(window);
     try {
       const jobs = await listJobs();
       this.jobs = withList(this.jobs, jobs);

@@ -91,7 +91,9 @@ class Workbench {
     const headers = [this.a, this.b].map((picture) => picture.frame?.header).filter((header) => header !== undefined);
     const low = Math.max(Math.min(...headers.map((header) => header.spp_min)), 1);
     const high = Math.max(...headers.map((header) => header.spp_max), 1);
-    return headers.length === 0 ? [1, 4] : high >= 4 * low ? [low, high] : [high / 4, high];
+    if (headers.length === 0) return [1, 4];
+    const middle = Math.sqrt(low * high);
+    return high >= 4 * low ? [low, high] : [middle / 2, middle * 2];
   });
 
   private get effectiveLayout(): Layout | 'single' {

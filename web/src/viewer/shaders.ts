@@ -139,7 +139,8 @@ void main() {
     result = vec4(toned(radiance * gain / total), 1.0);
   } else if (mode == 3) {
     vec3 grey = vec3(dot(toned(radiance * gain / total), LUMA)) * 0.75 + 0.05;
-    vec3 doubt = mix(vec3(0.89, 0.70, 0.25), vec3(0.36, 0.27, 0.07), stripes(screen, 6.0));
+    // The picture stays to be seen under the stripes: one wants to know what is doubtful.
+    vec3 doubt = mix(mix(grey, vec3(0.89, 0.70, 0.25), 0.62), grey * 0.55, stripes(screen, 6.0));
     result = vec4(known > 0.0 ? mix(grey, doubt, untrusted / total) : hatch, 1.0);
   } else {
     result = vec4(known > 0.0 ? mix(hatch, colour / known, known / total) : hatch, 1.0);
