@@ -2,13 +2,13 @@
 
 Enters: the moments at the end of a round. Leaves: for every pixel the number of replicates at the end of the next one.
 
-The image error is Σ v/(n·d) with v the variance of a replicate and d = mean² + floor; with c the cost of a replicate, it
-is least for a given time Σ c·n where n ∝ √(v/(d·c)). Cost is counted in path segments, not in seconds: the same counts
-come out on every machine. A pixel's own values must not decide how often it is sampled: one that found its light early
-would be sampled on and diluted, one that did not would be left dark, and the mean would be biased. So v/d and c come
-from the pixel's neighbours alone; given their values its count is a constant, and its mean unbiased. A floor keeps every
-pixel going, so that light which nobody has found yet is still looked for; a limit on growth bounds what one odd value
-can do.
+The image error is Σ v/(n·d) with v the variance of a replicate and d = mean² + floor; with c the cost of a replicate,
+it is least for a given time Σ c·n where n ∝ √(v/(d·c)). Cost is counted in path segments, not in seconds: the same
+counts come out on every machine. A pixel's own values must not decide how often it is sampled: one that found its
+light early would be sampled on and diluted, one that did not would be left dark, and the mean would be biased. So v/d
+and c come from the pixel's neighbours alone; given their values its count is a constant, and its mean unbiased. A
+floor keeps every pixel going, so that light which nobody has found yet is still looked for; a limit on growth bounds
+what one odd value can do.
 """
 
 from __future__ import annotations

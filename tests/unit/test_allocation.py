@@ -56,6 +56,7 @@ def test_of_equally_noisy_pixels_the_cheaper_ones_get_more() -> None:
     more = next_counts(moments, WIDTH, HEIGHT) - moments.tried
     inside = np.abs(np.arange(N) % WIDTH - (WIDTH - 1) / 2) > 2
     assert more[inside & is_dear].mean() < 0.1 * more[inside & ~is_dear].mean(), "they are behind, and wait"
+    ratio = 0.0
     for _ in range(12):
         wanted = next_counts(moments, WIDTH, HEIGHT)
         ratio = wanted[inside & ~is_dear].mean() / wanted[inside & is_dear].mean()
