@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 
+from renderer.backend import versions
 from renderer.errors import FredholmError, SettingsError
 from renderer.estimate.estimate import Estimate, merge
 from renderer.measure.command import measure_command
@@ -38,10 +39,24 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
-    help="Fredholm renders Mitsuba 3 scenes and says how far off the image is.",
 )
 app.add_typer(key_commands, name="key")
 err = Console(stderr=True)
+
+
+def _say_version(is_asked: bool) -> None:
+    if is_asked:
+        print(" ".join(f"{name} {release}" for name, release in versions().items()))
+        raise typer.Exit
+
+
+@app.callback()
+def fredholm(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the versions and exit.", is_eager=True, callback=_say_version)
+    ] = False,
+) -> None:
+    """Fredholm renders Mitsuba 3 scenes and says how far off the image is."""
 
 
 def parse_error(text: str, option: str = "--error") -> float:
@@ -94,7 +109,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 @app.command()
 def render(
-    scene: Annotated[str, typer.Argument(help="A Mitsuba .xml file, or a name that `fredholm gallery` lists.")],
+    scene: Annotated[str, typer.Argument(help="A Mitsuba .xml, .zip or .json, or a gallery name.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="EXR to write; it is also the checkpoint.")] = Path(
         "out.exr"
     ),

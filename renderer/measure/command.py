@@ -19,7 +19,7 @@ TABLE_WIDTH = 132  # where the output is no terminal
 
 
 def measure_command(
-    scene: Annotated[str, typer.Argument(help="A Mitsuba .xml file, or a name that `fredholm gallery` lists.")],
+    scene: Annotated[str, typer.Argument(help="A Mitsuba .xml, .zip or .json, or a gallery name.")],
     techniques: Annotated[bool, typer.Option("--techniques", help="Compare techniques only.")] = False,
     seconds: Annotated[float, typer.Option(help="Render time of each setting.")] = DEFAULT_SECONDS,
     reference: Annotated[Path | None, typer.Option(help="Converged EXR: measure true errors as well.")] = None,

@@ -25,7 +25,7 @@ SHARED = (
 STOPPING = ("cornell-box", "materials", "plates", "shared/matpreview", "shared/thinlens", "shared/colour-cornell")
 TARGETS = (0.10, 0.05, 0.02)
 MORE_ADAPTIVE = ("shared/caustic-ring", "shared/pool", "shared/veach-ajar")
-OUT = Console(width=118)
+OUT = Console(width=150)
 
 
 def gallery_names() -> list[str]:

@@ -98,6 +98,6 @@ def fill(name: str, pixels: int, replicates: int, seed: int = 1) -> Bank:
         some = np.arange(first, min(first + step, replicates), dtype=np.uint32)
         lanes = kernel.launch(np.tile(every, len(some)), np.repeat(some, n), seed)
         radiance = np.array(lanes[0])
-        segments += np.array(lanes[2]).reshape(len(some), n).sum(axis=0)
+        segments += np.array(lanes[2]).reshape(len(some), n).sum(axis=0, dtype=np.int64)
         values[some] = np.broadcast_to(radiance, (3, radiance.shape[-1])).T.reshape(len(some), n, 3)
     return Bank(name, scene, values, settings, segments // replicates)

@@ -391,3 +391,10 @@ def test_an_interrupted_render_saves_its_image_and_exits_with_130(tmp_path: Path
     assert Estimate.read(out).samples == report["samples"] > 0
     assert "interrupted" in stderr
     assert [p.name for p in tmp_path.iterdir()] == ["out.exr"]
+
+
+def test_the_version_names_what_an_image_depends_on(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert fredholm("--version").code == 0
+    assert said(capsys)[0].split()[0::2] == ["fredholm", "mitsuba", "drjit", "numpy"]
