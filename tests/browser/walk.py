@@ -45,6 +45,7 @@ def main() -> None:
                         PLACES[name](page, stage)
                     except Exception as problem:  # the other places are worth a look all the same
                         print(f"{name} at {width}, {theme}: {problem}")
+                    page.wait_for_function("[...document.images].every((image) => image.complete)")
                     page.screenshot(path=asked.folder / f"{name}-{width}-{theme}.png", full_page=True)
                     context.close()
         browser.close()

@@ -52,17 +52,9 @@ export const galleryRequirements = (name: string, signal?: AbortSignal): Promise
 export const readPixel = (id: string, x: number, y: number, signal?: AbortSignal): Promise<PixelReading> =>
   getJson(`${jobPath(id)}/pixel?x=${x}&y=${y}`, signal);
 
-/** Newest frame after `after`, or null when there is none. The browser undoes the content encoding. */
-export async function fetchFrame(
-  { jobId, after, reduce, hasMaps }: FrameRequest,
-  signal: AbortSignal,
-): Promise<ArrayBuffer | null> {
-  const maps = hasMaps ? '&maps=1' : '';
-  const response = await fetch(`${jobPath(jobId)}/frames/latest?after=${after}&scale=${reduce}${maps}`, { signal });
-  if (response.status === 204) return null;
-  if (!response.ok) throw problemFrom(response.status, await response.text());
-  return await response.arrayBuffer();
-}
+/** Newest frame after `after`; 204 where there is none. */
+export const framePath = ({ jobId, after, reduce, hasMaps }: FrameRequest): string =>
+  `${jobPath(jobId)}/frames/latest?after=${after}&scale=${reduce}${hasMaps ? '&maps=1' : ''}`;
 
 /** Sends a scene file. XMLHttpRequest because fetch still reports no upload progress. */
 export function uploadScene(

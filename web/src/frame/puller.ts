@@ -14,10 +14,16 @@ export interface FrameRequest {
   hasMaps: boolean;
 }
 
+/** What came of a request. */
+export interface Pulled<F extends Frame> {
+  /** Null where there is none newer. */
+  frame: F | null;
+  /** The link's time alone: a decoder that has just been started does not make a slow link. */
+  linkMilliseconds: number;
+}
+
 export interface FrameSource<F extends Frame> {
-  /** The newest frame's bytes, null where there is none newer. */
-  fetch(request: FrameRequest, signal: AbortSignal): Promise<ArrayBuffer | null>;
-  decode(body: ArrayBuffer): Promise<F>;
+  pull(request: FrameRequest, signal: AbortSignal): Promise<Pulled<F>>;
   /** Takes back a frame that came too late to be shown. */
   drop(frame: F): void;
 }
@@ -26,7 +32,6 @@ export interface PullerOptions<F extends Frame> {
   source: FrameSource<F>;
   onFrame: (jobId: string, frame: F) => void;
   onFailure: (jobId: string, cause: unknown) => void;
-  now?: () => number;
 }
 
 export const SLOW_TRANSFER_MS = 1500;
@@ -96,23 +101,18 @@ export class FramePuller<F extends Frame = Frame> {
     const abort = new AbortController();
     this.abort = abort;
     clearTimeout(this.retryTimer);
-    const now = this.options.now ?? (() => performance.now());
-    const started = now();
     const reduce = this.reduce;
     const hasMaps = this.wantsMaps;
     // The newest frame held only as 2×2 means or without maps has to be asked for again.
     const after = this.held >= this.wanted ? 0 : this.held;
     try {
       const { source } = this.options;
-      const body = await source.fetch({ jobId, after, reduce, hasMaps }, abort.signal);
-      if (abort.signal.aborted) return;
-      // The link's time alone: a decoder that has just been started does not make a slow link.
-      if (reduce === 1) this.isSlow = now() - started > SLOW_TRANSFER_MS;
-      const frame = body && (await source.decode(body));
+      const { frame, linkMilliseconds } = await source.pull({ jobId, after, reduce, hasMaps }, abort.signal);
       if (abort.signal.aborted) {
         if (frame) source.drop(frame);
         return;
       }
+      if (reduce === 1) this.isSlow = linkMilliseconds > SLOW_TRANSFER_MS;
       if (frame) {
         this.held = Math.max(this.held, frame.header.seq);
         this.heldReduce = frame.header.reduce;

@@ -1,6 +1,6 @@
 /** One job's picture as it comes in: its newest frame, what went wrong, and the service's reading of the probed pixel. */
 import { untrack } from 'svelte';
-import { fetchFrame, readPixel } from '../api/client';
+import { framePath, readPixel } from '../api/client';
 import { isEnded, type Job, type PixelReading } from '../api/types';
 import { FramePuller } from '../frame/puller';
 import { type Reading, readPixelOf } from '../frame/reading';
@@ -35,16 +35,16 @@ export class Picture {
   readonly target: number = $derived(this.job?.target.error ?? USUAL_TARGET);
   private readonly endedId: string | null = $derived(this.job && isEnded(this.job.state) ? this.job.id : null);
 
-  /** When the bytes of the newest frame were there. */
+  /** When the bytes of the newest frame were there, in milliseconds since the epoch. */
   bytesArrived = 0;
   private readId: string | null = null;
 
   private readonly puller = new FramePuller<HeldFrame>({
     source: {
-      fetch: fetchFrame,
-      decode: (body) => {
-        this.bytesArrived = performance.now();
-        return pictureCanvas.decode(body);
+      pull: async (request, signal) => {
+        const arrival = await pictureCanvas.pull(new URL(framePath(request), document.baseURI).href, signal);
+        this.bytesArrived = arrival.arrivedAt;
+        return arrival;
       },
       drop: (frame) => pictureCanvas.drop(frame),
     },

@@ -117,7 +117,7 @@ class Workbench {
 
   /** Picture A has been drawn with this frame. */
   notePainted(frame: HeldFrame | null): void {
-    if (frame && frame.id !== this.paintedId) this.paintedMilliseconds = performance.now() - this.a.bytesArrived;
+    if (frame && frame.id !== this.paintedId) this.paintedMilliseconds = performance.timeOrigin + performance.now() - this.a.bytesArrived;
     if (!frame) this.paintedMilliseconds = 0;
     this.paintedId = frame?.id ?? null;
     this.paintedSeq = frame?.header.seq ?? 0;

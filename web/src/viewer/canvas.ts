@@ -3,7 +3,7 @@
  * shaders are ready before the first picture; it moves into whatever viewer is open.
  */
 import { FrameError } from '../frame/decode';
-import type { Agreement, FromWorker, HeldFrame, Painting, ToWorker } from './scene';
+import type { Agreement, Arrival, FromWorker, HeldFrame, Painting, ToWorker } from './scene';
 
 interface Waiter {
   resolve: (value: never) => void;
@@ -42,8 +42,12 @@ export class PictureCanvas {
     this.send({ kind: 'canvas', canvas }, [canvas]);
   }
 
-  decode(body: ArrayBuffer): Promise<HeldFrame> {
-    return this.ask((job) => this.send({ kind: 'decode', job, body }, [body]));
+  /** Fetches and decodes a frame, all away from the page's thread: a busy page asks, and is answered, once. */
+  pull(address: string, signal: AbortSignal): Promise<Arrival> {
+    return this.ask((job) => {
+      this.send({ kind: 'pull', job, address });
+      signal.addEventListener('abort', () => this.send({ kind: 'abort', job }), { once: true });
+    });
   }
 
   agree(a: HeldFrame, b: HeldFrame): Promise<Agreement | null> {

@@ -1,11 +1,12 @@
 /**
- * Owns the picture's canvas: decodes frames, keeps their textures and draws, all away from the page's thread. Software
+ * Owns the picture's canvas: fetches and decodes frames, keeps their textures and draws, all away from the page's thread. Software
  * graphics wait for the whole screen to be put together before they answer; nobody notices here.
  */
+import { problemFrom } from '../api/problem';
 import { agreement } from '../frame/agreement';
 import { decodeFrame, type Frame } from '../frame/decode';
 import { Painter } from './painter';
-import type { FromWorker, Painting, ToWorker } from './scene';
+import type { FromWorker, HeldFrame, Painting, ToWorker } from './scene';
 
 interface Scope {
   onmessage: ((event: MessageEvent<ToWorker>) => void) | null;
@@ -33,13 +34,35 @@ function makePainter(): void {
   }
 }
 
-function decode(job: number, body: ArrayBuffer): void {
+const underWay = new Map<number, AbortController>();
+
+async function pull(job: number, address: string): Promise<void> {
+  const abort = new AbortController();
+  underWay.set(job, abort);
+  const asked = performance.now();
+  try {
+    // The browser undoes the content encoding.
+    const response = await fetch(address, { signal: abort.signal });
+    if (!response.ok) throw problemFrom(response.status, await response.text());
+    const body = response.status === 204 ? null : await response.arrayBuffer();
+    const linkMilliseconds = performance.now() - asked;
+    const arrivedAt = performance.timeOrigin + performance.now();
+    const frame = body && kept(body);
+    const transfer = frame ? [frame.halves.buffer, ...(frame.counts ? [frame.counts.buffer] : [])] : [];
+    scope.postMessage({ kind: 'answer', job, value: { frame, linkMilliseconds, arrivedAt } }, transfer);
+  } catch (cause) {
+    scope.postMessage({ kind: 'refused', job, error: cause instanceof Error ? cause.message : String(cause) });
+  } finally {
+    underWay.delete(job);
+  }
+}
+
+function kept(body: ArrayBuffer): HeldFrame {
   const frame: Frame = decodeFrame(body);
   const id = nextFrame++;
   bodies.set(id, body);
   painter?.keep(id, frame);
-  const transfer = frame.counts ? [frame.halves.buffer, frame.counts.buffer] : [frame.halves.buffer];
-  scope.postMessage({ kind: 'answer', job, value: { ...frame, id } }, transfer);
+  return { ...frame, id };
 }
 
 function compare(a: number, b: number): ReturnType<typeof agreement> {
@@ -55,12 +78,11 @@ scope.onmessage = ({ data }) => {
       canvas.addEventListener('webglcontextrestored', makePainter);
       makePainter();
       break;
-    case 'decode':
-      try {
-        decode(data.job, data.body);
-      } catch (cause) {
-        scope.postMessage({ kind: 'refused', job: data.job, error: cause instanceof Error ? cause.message : String(cause) });
-      }
+    case 'pull':
+      void pull(data.job, data.address);
+      break;
+    case 'abort':
+      underWay.get(data.job)?.abort();
       break;
     case 'drop':
       bodies.delete(data.frame);

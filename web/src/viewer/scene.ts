@@ -27,6 +27,16 @@ export interface HeldFrame extends Frame {
   id: number;
 }
 
+/** What a request for a frame brought. */
+export interface Arrival {
+  /** Null where there is no newer one. */
+  frame: HeldFrame | null;
+  /** From the request to the last byte. */
+  linkMilliseconds: number;
+  /** When the last byte was there, in milliseconds since the epoch: the worker's clock starts at another time. */
+  arrivedAt: number;
+}
+
 /** One picture in its part of the canvas. Lengths in device pixels from the canvas's top left corner. */
 export interface Pane {
   clip: { left: number; top: number; width: number; height: number };
@@ -69,7 +79,8 @@ export interface Agreement {
 
 export type ToWorker =
   | { kind: 'canvas'; canvas: OffscreenCanvas }
-  | { kind: 'decode'; job: number; body: ArrayBuffer }
+  | { kind: 'pull'; job: number; address: string }
+  | { kind: 'abort'; job: number }
   | { kind: 'drop'; frame: number }
   | { kind: 'paint'; painting: Painting }
   | { kind: 'agree'; job: number; a: number; b: number };
@@ -77,6 +88,6 @@ export type ToWorker =
 export type FromWorker =
   | { kind: 'ready'; largestSide: number }
   | { kind: 'blind'; reason: string }
-  | { kind: 'answer'; job: number; value: HeldFrame | Agreement | null }
+  | { kind: 'answer'; job: number; value: Arrival | Agreement | null }
   | { kind: 'refused'; job: number; error: string }
   | { kind: 'painted' };
