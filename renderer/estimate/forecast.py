@@ -1,7 +1,11 @@
 """When will the target be reached? From error² × samples, which is constant for Monte Carlo, and the pace of late.
 
+What stops a render is the upper bound of its error. Its logarithm over that of the error falls like 1/√samples, so the
+bound comes down faster than the error does: a bound far above the error says that tails have not shown yet, and that
+nothing can be foretold. Targets are looked at between rounds only: a render ends half a round late, in the mean.
+
 Enters: the curve of error over time so far. Leaves: the seconds left and an interval, or None while it is not worth
-showing: early on, heavy tails have not shown yet, and the constant still drifts.
+showing: early on the constant still drifts.
 """
 
 from __future__ import annotations
@@ -10,8 +14,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-MIN_POINTS = 4
-MAX_DRIFT = 0.35  # of the constant over the points used; more is no forecast
+MIN_POINTS = 3
+MAX_DRIFT = 0.35  # of the logarithm of the samples foretold, over the points used; more is no forecast
+MAX_CAUTION = 1.45  # the bound over the error; beyond, it is the tail that will decide
+OVERSHOOT = 1.075  # half of what a round adds
 MIN_SPREAD = 0.05
 Z95 = 1.96
 
@@ -39,24 +45,42 @@ def forecast(curve: Sequence[CurvePoint], target: float) -> Forecast | None:
     """Seconds left until the bound of the error falls to `target`; None while that is not known."""
     if len(curve) < MIN_POINTS:
         return None
-    recent = [p for p in curve[len(curve) // 2 :] if _stops(p) > 0 and p.spp > 0]
-    if len(recent) < 2:
+    recent = [p for p in curve[len(curve) // 2 :] if p.error > 0 and p.spp > 0]
+    if len(recent) < 2 or _caution(recent[-1]) > MAX_CAUTION:
         return None
-    logs = [math.log(_stops(p) ** 2 * p.spp) for p in recent]
+    logs = [math.log(_samples(p, target)) for p in recent]
     if max(logs) - min(logs) > MAX_DRIFT:
         return None
-    # The latest point knows most; the one before it damps the noise of its tail.
+    # The latest point knows most; the ones before it tell how far to believe it.
     centre = logs[-1]
     spread = math.sqrt(sum((x - centre) ** 2 for x in logs) / (len(logs) - 1))
     first, last = recent[0], recent[-1]
     pace = (last.seconds - first.seconds) / (last.spp - first.spp) if last.spp > first.spp else last.seconds / last.spp
 
-    def left(log_constant: float) -> float:
-        return max(0.0, pace * (math.exp(log_constant) / target**2 - last.spp))
+    def left(log_samples: float) -> float:
+        samples = math.exp(log_samples)
+        return pace * (OVERSHOOT * samples - last.spp) if samples > last.spp else 0.0
 
     margin = Z95 * max(spread, MIN_SPREAD)
     return Forecast(left(centre), left(centre - margin), left(centre + margin))
 
 
-def _stops(point: CurvePoint) -> float:
-    return point.error if point.upper is None else point.upper
+def _caution(point: CurvePoint) -> float:
+    """The bound over the error, at least 1."""
+    return 1.0 if point.upper is None else max(1.0, point.upper / point.error)
+
+
+def _samples(point: CurvePoint, target: float) -> float:
+    """Samples per pixel at which the bound will have come down to the target."""
+    # In logarithms: samples = of_error + excess · √(now / samples).
+    now = math.log(point.spp)
+    of_error = now + 2 * math.log(point.error / target)
+    excess = 2 * math.log(_caution(point))
+    low, high = of_error, of_error + excess
+    if high <= now:
+        return math.exp(high)
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        is_later = of_error + excess * math.exp(0.5 * (now - middle)) > middle
+        low, high = (middle, high) if is_later else (low, middle)
+    return math.exp(high)

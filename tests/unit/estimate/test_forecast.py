@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from renderer.estimate.forecast import MIN_POINTS, CurvePoint, forecast
+from renderer.estimate.forecast import MAX_CAUTION, MIN_POINTS, OVERSHOOT, CurvePoint, forecast
 
 
 def ideal(n: int, constant: float = 0.5) -> list[CurvePoint]:
@@ -26,7 +26,7 @@ def test_a_curve_that_falls_with_the_root_of_time_is_forecast_exactly(n: int, co
     target = curve[-1].error / 3
     found = forecast(curve, target)
     assert found is not None
-    assert found.seconds_left == pytest.approx(8 * curve[-1].seconds, rel=1e-9)
+    assert found.seconds_left == pytest.approx((9 * OVERSHOOT - 1) * curve[-1].seconds, rel=1e-9)
     assert found.low < found.seconds_left < found.high
 
 
@@ -66,9 +66,31 @@ def test_a_curve_whose_constant_still_drifts_is_not_forecast() -> None:
     assert forecast(drifting, 0.01) is None
 
 
-def test_the_forecast_is_of_the_bound_that_stops_the_render() -> None:
-    curve = [CurvePoint(p.seconds, p.spp, p.error, 1.5 * p.error) for p in ideal(12)]
-    target = curve[-1].error / 3
+def bounded(caution: float, n: int = 12) -> list[CurvePoint]:
+    """An ideal curve whose bound comes down to the error like 1/√samples; at its end it is `caution` times as large."""
+    curve = ideal(n)
+    excess = math.log(caution) * math.sqrt(curve[-1].spp)
+    return [CurvePoint(p.seconds, p.spp, p.error, p.error * math.exp(excess / math.sqrt(p.spp))) for p in curve]
+
+
+@pytest.mark.parametrize("caution", [1.0, 1.1, 1.4])
+def test_the_forecast_is_of_the_bound_that_stops_the_render(caution: float) -> None:
+    curve = bounded(caution)
+    last = curve[-1]
+    times = 16.0  # as many samples as now
+    target = last.error / math.sqrt(times) * caution ** (1 / math.sqrt(times))
     found = forecast(curve, target)
     assert found is not None
-    assert found.seconds_left == pytest.approx((9 * 2.25 - 1) * curve[-1].seconds, rel=1e-9)
+    assert found.seconds_left == pytest.approx((times * OVERSHOOT - 1) * last.seconds, rel=1e-9)
+
+
+def test_nothing_is_forecast_while_the_tail_decides() -> None:
+    assert forecast(bounded(MAX_CAUTION * 1.01), 0.01) is None
+
+
+@pytest.mark.parametrize("target", [1e-6, 1e-3, 0.3, 10.0])
+@pytest.mark.parametrize("upper", [1.0, 1.4, 1e3, 1e9])
+def test_no_curve_is_too_odd(upper: float, target: float) -> None:
+    curve = [CurvePoint(p.seconds, p.spp, p.error, upper * p.error) for p in ideal(6)]
+    found = forecast([*curve[:-1], CurvePoint(9.0, 80.0, 0.2, 0.21)], target)
+    assert found is None or 0 <= found.low <= found.seconds_left <= found.high < math.inf
