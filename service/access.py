@@ -45,6 +45,14 @@ async def caller_of(request: Request, service: Service) -> Caller:
     return caller
 
 
+async def may_still_ask(request: Request, service: Service) -> bool:
+    """Whether the key of a request that goes on for long still opens something."""
+    if not service.settings.are_keys_required:
+        return True
+    key = key_of(request)
+    return key is not None and await asyncio.to_thread(service.keys.caller, key) is not None
+
+
 def pass_limit(service: Service, limit: RateLimit, who: str, name: str) -> None:
     """Count a request against a limit. Raises ProblemError."""
     wait = limit.take(who)

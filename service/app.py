@@ -44,13 +44,25 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         redoc_url=None,
         openapi_url="/api/openapi.json",
     )
-    errors.install(app)
-    hosts = None if settings.are_keys_required else frozenset({*LOOPBACK_NAMES, settings.host.lower()})
-    app.add_middleware(errors.RequestGuard, max_body_bytes=settings.max_body_bytes, hosts=hosts)
-    app.add_middleware(SecurityHeaders)
-    app.add_middleware(RequestLog)
+    protect(app, settings)
     for module in (gallery, scenes, jobs, frames, events, learn, health, session, docs):
         app.include_router(module.router)
     app.mount("/", Page(settings.static_dir, settings.are_keys_required), name="page")
     app.openapi = functools.partial(openapi.describe, app)
     return app
+
+
+def protect(app: FastAPI, settings: ServiceSettings) -> None:
+    """What every request passes on its way in, and every answer on its way out."""
+    errors.install(app)
+    hosts = None if settings.are_keys_required else frozenset({*LOOPBACK_NAMES, settings.host.lower()})
+    # The last one added is the outermost.
+    app.add_middleware(errors.Unforeseen)
+    app.add_middleware(
+        errors.RequestGuard,
+        max_body_bytes=settings.max_body_bytes,
+        max_message_bytes=settings.max_message_bytes,
+        hosts=hosts,
+    )
+    app.add_middleware(SecurityHeaders)
+    app.add_middleware(RequestLog)

@@ -23,7 +23,7 @@ from http.client import HTTPException, HTTPResponse
 from pathlib import Path
 from typing import Any
 
-from service.messages import Job, JobDetail, Problem, ProgressMessage, Scene
+from service.messages import Deleted, Job, JobDetail, Problem, ProgressMessage, Scene
 from service.states import ENDED
 
 _TRIES = 6
@@ -125,7 +125,7 @@ class Client:
         pause, heard = _FIRST_PAUSE_SECONDS, time.monotonic()
         while True:
             try:
-                for news in self._events():
+                for news in self._events(job_id):
                     pause, heard = _FIRST_PAUSE_SECONDS, time.monotonic()
                     # What changed before the stream was open is not told by it.
                     news = self.job(job_id) if news is None else news
@@ -152,14 +152,25 @@ class Client:
             raise ValueError(f"the file {path.name!r} must end in .exr or .png")
         temporary = path.with_name(f".{path.name}.part")
         try:
-            with self._open("GET", f"/api/jobs/{job_id}/image{path.suffix.lower()}") as answer:
-                with temporary.open("wb") as file:
-                    while chunk := answer.read(_CHUNK):
-                        file.write(chunk)
-            os.replace(temporary, path)
+            for left in reversed(range(_TRIES)):
+                if self._copy(f"/api/jobs/{job_id}/image{path.suffix.lower()}", temporary):
+                    os.replace(temporary, path)
+                    return path
+                time.sleep(_FIRST_PAUSE_SECONDS if left else 0)
+            raise ServiceUnreachable(f"{self._url} ended the download of {path.name} early, {_TRIES} times")
         finally:
             temporary.unlink(missing_ok=True)
-        return path
+
+    def _copy(self, address: str, path: Path) -> bool:
+        """Save an answer; False if the connection ended before it did: half a picture looks like a whole one."""
+        with self._open("GET", address) as answer, path.open("wb") as file:
+            length = answer.getheader("Content-Length")
+            try:
+                while chunk := answer.read(_CHUNK):
+                    file.write(chunk)
+            except (OSError, HTTPException):
+                return False
+            return length is None or file.tell() == int(length)
 
     def _scene(self, scene: str | Path) -> dict[str, str]:
         text = str(scene)
@@ -171,8 +182,8 @@ class Client:
     def _step(self, job_id: str, step: str, body: dict[str, Any] | None = None) -> JobDetail:
         return JobDetail.model_validate(self._json("POST", f"/api/jobs/{job_id}/{step}", body, tries=1))
 
-    def _events(self) -> Iterator[Job | ProgressMessage | None]:
-        """What the stream tells; None once it is open."""
+    def _events(self, job_id: str) -> Iterator[Job | ProgressMessage | None]:
+        """What the stream tells; None once it is open, and when the job was deleted: ask what is true of it."""
         with self._open("GET", "/api/events", timeout=_SILENCE_SECONDS, tries=1) as stream:
             fields: dict[str, str] = {}
             for line in stream:
@@ -181,7 +192,7 @@ class Client:
                     fields[name] = value
                     continue
                 kind = fields.get("event")
-                if kind == "hello":
+                if kind == "hello" or (kind == "deleted" and Deleted.model_validate_json(fields["data"]).id == job_id):
                     yield None
                 elif kind in ("job", "progress"):
                     model = Job if kind == "job" else ProgressMessage

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-import os
 import re
 import secrets
 import time
@@ -18,6 +17,7 @@ from pathlib import Path
 
 from service.store.keys import KeyRecord, KeyStore
 from service.store.records import now
+from service.written_once import written_once
 
 _FORM = re.compile(r"frd_([0-9a-f]{10})_([A-Za-z0-9_-]{43})")
 _KNOWN_SECONDS = 5.0  # a revoked key is refused after at most this long
@@ -102,16 +102,7 @@ class Keys:
 
 def read_secret(path: Path) -> bytes:
     """The service's own secret, made at first use and readable by its user alone."""
-    try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except FileExistsError:
-        return bytes.fromhex(path.read_text().strip())
-    fresh = secrets.token_bytes(32)
-    with os.fdopen(descriptor, "w") as file:
-        file.write(fresh.hex())
-        file.flush()
-        os.fsync(file.fileno())
-    return fresh
+    return bytes.fromhex(written_once(path, secrets.token_hex(32)))
 
 
 class RateLimit:

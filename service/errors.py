@@ -9,6 +9,8 @@ import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -17,6 +19,8 @@ from service.states import IllegalStep
 from service.store import JobNotFound, KeyUsedOtherwise, StillRunning
 
 MEDIA_TYPE = "application/problem+json"
+UPLOADS = "/api/scenes"  # the one address that takes long bodies
+_TOLD_FIELDS, _TOLD_NAME = 20, 200
 log = structlog.get_logger("service.errors")
 
 
@@ -48,15 +52,11 @@ def refused(field: str, message: str) -> ProblemError:
     return ProblemError(422, "invalid-request", "The request is not valid", f"{field}: {message}", errors)
 
 
-def too_large(limit_bytes: int) -> ProblemError:
-    """413 with the limit."""
+def too_large(limit_bytes: int, setting: str) -> ProblemError:
+    """413 with the limit and the setting that it comes from."""
     limit = f"{limit_bytes / 2**20:g} MiB"
-    return ProblemError(
-        413,
-        "too-large",
-        "The upload is too large",
-        f"The body is larger than {limit}, the limit here; send less, or raise FREDHOLM_MAX_BODY_BYTES.",
-    )
+    detail = f"The body is larger than {limit}, the limit here; send less, or raise FREDHOLM_{setting.upper()}."
+    return ProblemError(413, "too-large", "The request is too large", detail)
 
 
 def answer(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
@@ -72,7 +72,7 @@ async def _on_problem(_request: Request, error: Exception) -> JSONResponse:
 
 async def _on_invalid(_request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
-    errors = [_field_error(one) for one in error.errors()]
+    errors = [_field_error(one) for one in error.errors()[:_TOLD_FIELDS]]
     detail = "; ".join(f"{one.field}: {one.message}" for one in errors[:5])
     return answer(
         Problem(
@@ -93,7 +93,7 @@ def _field_error(error: dict[str, Any]) -> FieldError:
     value = error.get("input")
     if isinstance(value, str | int | float) and error["type"] != "value_error":
         message = f"{message} (got {str(value)[:60]!r})" if isinstance(value, str) else f"{message} (got {value})"
-    return FieldError(field=".".join(place) or "body", message=message)
+    return FieldError(field=".".join(place)[:_TOLD_NAME] or "body", message=message)
 
 
 async def _on_http(_request: Request, error: Exception) -> JSONResponse:
@@ -123,8 +123,14 @@ async def _on_key_used_otherwise(_request: Request, error: Exception) -> JSONRes
     return answer(ProblemError(422, "idempotency-key-reused", "The key was used before", detail, errors).problem)
 
 
-async def _on_bug(request: Request, error: Exception) -> JSONResponse:
-    log.error("request failed", method=request.method, path=request.url.path, exc_info=error)
+async def _on_lost_database(_request: Request, error: Exception) -> JSONResponse:
+    log.error("the database does not answer", cause=type(error).__name__)
+    detail = "The service's database does not answer; ask again in a moment."
+    problem = ProblemError(503, "database-unavailable", "The database does not answer", detail).problem
+    return answer(problem, {"Retry-After": "2"})
+
+
+def _mistake() -> JSONResponse:
     detail = "The service made a mistake; its log says more. Trying again may help."
     return answer(ProblemError(500, "internal", "Internal error", detail).problem)
 
@@ -138,7 +144,36 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(IllegalStep, _on_illegal_step)
     app.add_exception_handler(StillRunning, _on_illegal_step)
     app.add_exception_handler(KeyUsedOtherwise, _on_key_used_otherwise)
-    app.add_exception_handler(Exception, _on_bug)
+    for lost in (OperationalError, InterfaceError, PoolTimeout):
+        app.add_exception_handler(lost, _on_lost_database)
+
+
+class Unforeseen:
+    """Answers what no handler knows.
+
+    Innermost, so that such an answer gets its headers, its id and its place in the figures like any other.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        has_begun = False
+
+        async def noted(message: Message) -> None:
+            nonlocal has_begun
+            has_begun = True
+            await send(message)
+
+        try:
+            await self._app(scope, receive, noted)
+        except Exception:
+            if scope["type"] != "http":
+                raise
+            log.exception("request failed", method=scope["method"], path=shown_path(scope))
+            if has_begun:
+                raise  # the connection is cut: whoever reads must not take half an answer for a whole one
+            await _mistake()(scope, receive, send)
 
 
 class RequestGuard:
@@ -148,9 +183,10 @@ class RequestGuard:
     otherwise give its own name this machine's address, and ask as if it were ours.
     """
 
-    def __init__(self, app: ASGIApp, max_body_bytes: int, hosts: frozenset[str] | None) -> None:
+    def __init__(self, app: ASGIApp, max_body_bytes: int, max_message_bytes: int, hosts: frozenset[str] | None) -> None:
         self._app = app
         self._max_body_bytes = max_body_bytes
+        self._max_message_bytes = max_message_bytes
         self._hosts = hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -167,9 +203,13 @@ class RequestGuard:
             detail = "Web pages of other sites cannot change anything here; open the service's own page."
             problem = ProblemError(403, "cross-site", "Refused for pages of other sites", detail).problem
             return await answer(problem)(scope, receive, send)
+        # JSON grows twentyfold when it is read, and nothing else happens meanwhile: only uploads may be long.
+        is_upload = scope["path"] == UPLOADS
+        limit = self._max_body_bytes if is_upload else self._max_message_bytes
+        refusal = too_large(limit, "max_body_bytes" if is_upload else "max_message_bytes").problem
         length = request.headers.get("content-length", "")
-        if length.isdecimal() and int(length) > self._max_body_bytes:
-            return await answer(too_large(self._max_body_bytes).problem)(scope, receive, send)
+        if length.isdecimal() and int(length) > limit:
+            return await answer(refusal)(scope, receive, send)
 
         received = 0
 
@@ -177,12 +217,18 @@ class RequestGuard:
             nonlocal received
             message = await receive()
             received += len(message.get("body", b""))
-            if received > self._max_body_bytes:
+            if received > limit:
                 # An HTTPException, because FastAPI lets only those through while it reads a body.
-                raise HTTPException(413, detail=too_large(self._max_body_bytes).problem.detail)
+                raise HTTPException(413, detail=refusal.detail)
             return message
 
         await self._app(scope, counted, send)
+
+
+def shown_path(scope: Scope) -> str:
+    """The path as it was sent, short: decoded, it could write lines of its own into a log."""
+    path: bytes = scope.get("raw_path") or scope["path"].encode()
+    return path[:200].decode("ascii", errors="backslashreplace")
 
 
 def _host_name(request: Request) -> str:

@@ -22,8 +22,10 @@ class LiveJob:
     """The mutable side of a job while it runs."""
 
     record: JobRecord
+    scene: str  # what the renderer is to load: a gallery name or a file
     progress: Progress
     checkpoint: str | None
+    saved: Progress  # what the checkpoint holds
     curve: list[dict[str, float]]
     display_path: Path
     seq: int
@@ -35,12 +37,14 @@ class LiveJob:
     changed: asyncio.Event = field(default_factory=asyncio.Event)
 
     @classmethod
-    def of(cls, record: JobRecord, display_path: Path) -> LiveJob:
+    def of(cls, record: JobRecord, display_path: Path, scene: str) -> LiveJob:
         """A job that has just been claimed."""
         return cls(
             record=record,
+            scene=scene,
             progress=record.progress,
             checkpoint=record.checkpoint,
+            saved=record.progress,
             curve=list(record.curve),
             display_path=display_path,
             seq=record.progress.frame_seq + (_SEQ_GAP if record.attempt > 1 else 0),
@@ -66,15 +70,27 @@ class LiveJob:
             self.progress = result.progress
             self.seq = result.progress.frame_seq
         if result.saved is not None:
-            self.checkpoint = result.saved.name
+            self.checkpoint, self.saved = result.saved.name, result.saved.progress
             self.wants_save = self.wants_save and result.saved.progress.seconds < self.progress.seconds
         if result.warnings and result.warnings != self.record.warnings:
             self.record = replace(self.record, warnings=result.warnings)
-        self.curve.extend(result.curve)
+        if result.curve:
+            # After a crash it goes on from the checkpoint, and comes by the same points again.
+            first = result.curve[0]["spp"]
+            self.curve = [point for point in self.curve if point["spp"] < first]
+            self.curve.extend(result.curve)
         if len(self.curve) > _CURVE_LIMIT:
             # The convergence chart is logarithmic: of the older points every other one is enough.
             half = len(self.curve) // 2
             self.curve = self.curve[:half:2] + self.curve[half:]
+
+    def kept(self) -> Progress:
+        """What is true of the picture that stays: what was rendered since it was saved may be lost."""
+        if self.checkpoint is None:
+            return Progress()
+        if self.saved.samples == self.progress.samples:
+            return self.progress
+        return replace(self.saved, frame_seq=self.seq + 1)  # news to those who saw a newer picture
 
     def notify(self) -> None:
         """Wake those who wait for this job now; whoever waits later waits for the next change."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
@@ -28,12 +29,17 @@ class Page(StaticFiles):
         super().__init__(directory=folder, html=True, check_dir=False)
         self._index = folder / "index.html"
 
+    async def check_config(self) -> None:
+        """Nothing: a folder that is not there is a page that is not built, not a mistake."""
+
     async def get_response(self, path: str, scope: Scope) -> Response:
         """One file of the page; the form for a key where the browser has none."""
         if self._are_keys_required and path in (".", "index.html") and COOKIE not in Request(scope).cookies:
             return RedirectResponse("login", status_code=303)
         if path in (".", "index.html") and not self._index.is_file():
             return HTMLResponse(_NOT_BUILT, headers={"Cache-Control": "no-cache"})
+        if not self._index.is_file() and scope["method"] in ("GET", "HEAD"):
+            raise HTTPException(404)
         response = await super().get_response(path, scope)
         is_hashed = path.startswith("assets/") and response.status_code in (200, 304)
         response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if is_hashed else "no-cache"

@@ -10,6 +10,8 @@ import structlog
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.errors import shown_path
+
 _SLOW_SECONDS = 1.0
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _log = structlog.get_logger("service.requests")
@@ -41,7 +43,7 @@ class RequestLog:
                 # Changes are news; polling for frames is not.
                 level = "info" if method in ("POST", "DELETE") else "debug"
                 level = "warning" if seconds > _SLOW_SECONDS or status >= 500 else level
-                told = {"method": method, "path": scope["path"][:200], "status": status, "ms": round(1000 * seconds, 1)}
+                told = {"method": method, "path": shown_path(scope), "status": status, "ms": round(1000 * seconds, 1)}
                 getattr(_log, level)("request", **told)
             await send(message)
 

@@ -29,7 +29,7 @@ from service.messages import ProgressMessage
 from service.metrics import Metrics
 from service.settings import ServiceSettings
 from service.states import IllegalStep, State, Step
-from service.store import JobRecord, JobStore, Superseded
+from service.store import JobNotFound, JobRecord, JobStore, Superseded
 from service.store.records import iso
 
 _LEAVE_SECONDS = 10.0
@@ -39,6 +39,11 @@ _NOT_RUNNING = frozenset({*State} - {State.RUNNING})
 _DEADLINE_FACTOR = 10.0
 # An exception that nobody foresaw may be the fault of what its process did before: the job is tried in another one.
 _SURPRISES = 2
+_MOST_QUESTIONS = 32
+
+
+class Busy(Exception):
+    """Too many ask the renderer beside its jobs."""
 
 
 class Runner:
@@ -64,6 +69,12 @@ class Runner:
         self._metrics = metrics
         self._scene_path = scene_path
         self._live: dict[str, LiveJob] = {}
+        # Jobs, with their attempts, that only one of database and memory took for running when they were last compared.
+        self._astray: frozenset[tuple[str, int]] = frozenset()
+        # A call's time begins when it begins: one that waits for another's end is not to be killed for it.
+        self._renderer = asyncio.Lock()
+        self._question = asyncio.Lock()
+        self._questions = 0
         self._shares = Shares()
         self._loaded: set[str] = set()
         self._wake = asyncio.Event()
@@ -92,6 +103,17 @@ class Runner:
         """Have the render process replaced: an unexpected exception was raised in it."""
         self._is_spoilt = True
         self._wake.set()
+
+    async def ask(self, seconds: float, call: Callable[..., Any], *args: object) -> Any:
+        """Run a call beside the jobs: never two before a job has its turn. Raises Busy, Lost."""
+        if self._questions >= _MOST_QUESTIONS:
+            raise Busy
+        self._questions += 1
+        try:
+            async with self._question:
+                return await self._call(seconds, call, *args)
+        finally:
+            self._questions -= 1
 
     def expected_start(self, queue_position: int | None) -> str | None:
         """About when a queued job will start, ISO 8601 in UTC; None while it cannot be told."""
@@ -172,14 +194,26 @@ class Runner:
         self._files.remove_displays()
 
     async def keep_leases(self) -> None:
-        """Renew what runs here, queue what others have lost; let go of what others have taken up meanwhile."""
+        """Renew what runs here, queue what others have lost, and mend where database and memory disagree.
+
+        They do if an answer of the database was lost on its way, or if another server has taken a job up. What is
+        only on its way agrees the next time.
+        """
         held = await asyncio.to_thread(self._lease.renew)
-        for live in self.live_jobs():
-            if held.get(live.record.id, -1) > live.record.attempt:
-                self._abandon(live)
+        here = {live.record.id: live.record.attempt for live in self.live_jobs()}
+        astray = frozenset(held.items() ^ here.items())
+        for job_id, attempt in astray & self._astray:
+            if here.get(job_id) == attempt:
+                if (live := self._live.get(job_id)) is not None:
+                    self._abandon(live)
+            else:
+                self._log.warning("job was started, and the answer lost: it is queued again", job=job_id)
+                with contextlib.suppress(JobNotFound, IllegalStep, Superseded):
+                    await asyncio.to_thread(self._store.move, job_id, Step.GIVE_BACK, attempt=attempt)
+        self._astray = astray
         if given := await asyncio.to_thread(self._lease.take_up_expired):
             self._log.warning("jobs of a lost server are queued again", jobs=[job.id for job in given])
-            await self._hub.tell_transitions()
+        await self._hub.tell_transitions()
         # Others may have queued something in the same database.
         self.wake()
 
@@ -197,7 +231,7 @@ class Runner:
                 self._metrics.errors.labels("turn").inc()
                 await asyncio.sleep(1.0)
         for live in self.live_jobs():
-            with contextlib.suppress(Lost, Superseded):
+            with contextlib.suppress(Lost, Superseded, IllegalStep, JobNotFound):
                 live.absorb(await self._call(self._settings.stop_seconds, worker.retire, self._turn(live)))
                 await self._let_go(live, Step.GIVE_BACK)
 
@@ -214,7 +248,8 @@ class Runner:
     async def _call(self, seconds: float, call: Callable[..., Any], *args: object) -> Any:
         """Run a call in the render process. Raises Lost."""
         try:
-            return await run_within(self._engine, seconds, call, *args)
+            async with self._renderer:
+                return await run_within(self._engine, seconds, call, *args)
         except Lost:
             self._loaded.clear()
             self._metrics.restarts.inc()
@@ -250,7 +285,8 @@ class Runner:
             return
         if running[client_id] == 0:
             self._shares.enter(client_id, running)
-        self._live[record.id] = LiveJob.of(record, self._files.display_path(record))
+        scene = await asyncio.to_thread(self._scene_path, record)
+        self._live[record.id] = LiveJob.of(record, self._files.display_path(record), scene)
         if record.progress.frame_seq == 0:
             self._metrics.waits.observe(_seconds_since(record.created_at))
         self._log.info(
@@ -298,7 +334,7 @@ class Runner:
         return Turn(
             job_id=record.id,
             attempt=record.attempt,
-            scene=self._scene_path(record),
+            scene=live.scene,
             is_gallery=record.scene_kind == "gallery",
             target=record.target,
             settings=record.settings,
@@ -313,7 +349,7 @@ class Runner:
 
     async def _save(self, live: LiveJob, saved: Saved) -> None:
         """Name the newly saved estimate together with the progress it holds."""
-        curve = [point for point in live.curve if point["seconds"] <= saved.progress.seconds]
+        curve = [point for point in live.curve if point["spp"] <= saved.progress.spp]
         if await asyncio.to_thread(self._store.save, live.record, saved.progress, curve, saved.name):
             await asyncio.to_thread(self._files.prune, live.record.id)
         else:
@@ -322,9 +358,13 @@ class Runner:
     async def _leave(self, live: LiveJob, step: Literal[Step.PAUSE, Step.CANCEL]) -> None:
         """Take a job from the renderer with all that was rendered."""
         try:
-            live.absorb(await self._call(_LEAVE_SECONDS, worker.retire, self._turn(live)))
-        except Lost:
-            self._log.warning("job keeps its last saved picture only", job=live.record.id, step=step.value)
+            result: TurnResult = await self._call(_LEAVE_SECONDS, worker.retire, self._turn(live))
+            why = result.failure.detail if result.failure is not None else None
+            live.absorb(result)
+        except Lost as lost:
+            why = str(lost)
+        if why is not None:
+            self._log.warning("job keeps its last saved picture only", job=live.record.id, step=step.value, why=why)
         await self._end(live, step, **({"stopped_by": "cancelled"} if step is Step.CANCEL else {}))
 
     async def _start_again(self, live: LiveJob, lost: Lost) -> None:
@@ -363,7 +403,6 @@ class Runner:
 
     async def _replace_renderer(self) -> None:
         """Save what runs, end the render process; the next call starts another, where all go on as after a pause."""
-        self._is_spoilt = False
         self._log.warning("render process is replaced after an unexpected exception")
         for live in self.live_jobs():
             with contextlib.suppress(Lost):  # then it goes on from what was saved before
@@ -373,6 +412,7 @@ class Runner:
                     await self._save(live, result.saved)
         with contextlib.suppress(Lost):
             await self._call(_LEAVE_SECONDS, worker.end)
+        self._is_spoilt = False
 
     async def _fail(self, live: LiveJob, failure: Failure) -> None:
         self._log.error("job failed", job=live.record.id, cause=failure.detail, trace=failure.trace)
@@ -383,7 +423,7 @@ class Runner:
         """Record that a job runs no longer, and remove the files it needs no more."""
         try:
             ended = await self._let_go(live, step, **changes)
-        except Superseded:
+        except (Superseded, IllegalStep, JobNotFound):
             self._abandon(live)
             return
         self._metrics.ended.labels(ended.state.value).inc()
@@ -402,7 +442,9 @@ class Runner:
     async def _let_go(self, live: LiveJob, step: Step, **changes: Any) -> JobRecord:
         """Record a step together with all that is known of the job. Raises Superseded."""
         record = live.record
-        changes |= {"progress": live.progress, "curve": live.curve, "checkpoint": live.checkpoint}
+        kept = live.kept()
+        curve = [point for point in live.curve if point["spp"] <= kept.spp]
+        changes |= {"progress": kept, "curve": curve, "checkpoint": live.checkpoint}
         changes["warnings"] = list(record.warnings)
         moved = await asyncio.to_thread(self._store.move, record.id, step, attempt=record.attempt, **changes)
         self._live.pop(record.id, None)
@@ -412,8 +454,8 @@ class Runner:
         return moved
 
     def _abandon(self, live: LiveJob) -> None:
-        """Another server has taken the job up: what is here counts no more."""
-        self._log.warning("job is run by another server now", job=live.record.id)
+        """The database has it otherwise, often because another server has taken it up: what is here counts no more."""
+        self._log.warning("job is not this server's any more", job=live.record.id)
         if self._live.get(live.record.id) is live:
             del self._live[live.record.id]
         self._may_claim = True

@@ -12,6 +12,8 @@ from typing import Literal
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from service.written_once import written_once
+
 MEBIBYTE = 1024 * 1024
 
 
@@ -43,7 +45,8 @@ class ServiceSettings(BaseSettings):
     max_streams_per_client: int = Field(default=64, ge=1, description="open event streams of one client")
     max_samples: int = Field(default=10**13, ge=1, description="pixels × samples per pixel of one job")
 
-    max_body_bytes: int = Field(default=64 * MEBIBYTE, ge=1024)
+    max_body_bytes: int = Field(default=64 * MEBIBYTE, ge=1024, description="body of an upload")
+    max_message_bytes: int = Field(default=MEBIBYTE // 4, ge=1024, description="body of any other request")
     max_bundle_files: int = Field(default=2000, ge=1)
     max_bundle_bytes: int = Field(default=512 * MEBIBYTE, ge=1024, description="unpacked size of a zip bundle")
     max_bundle_ratio: float = Field(default=200.0, ge=1.0, description="unpacked size / packed size of one file")
@@ -106,12 +109,4 @@ class ServiceSettings(BaseSettings):
 
     def data_identity(self) -> str:
         """A name of the data folder that moves with it; made at first use."""
-        path = self.data_dir / "identity"
-        try:
-            with path.open("x") as file:
-                file.write(secrets.token_hex(16))
-                file.flush()
-                os.fsync(file.fileno())
-        except FileExistsError:
-            pass
-        return path.read_text().strip()
+        return written_once(self.data_dir / "identity", secrets.token_hex(16))

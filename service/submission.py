@@ -11,7 +11,7 @@ from renderer.scene import gallery
 from service.clients import Caller
 from service.dispatch import Waiting
 from service.errors import ProblemError, refused
-from service.messages import ContinueRequest, JobRequest
+from service.messages import ContinueRequest, JobRequest, TargetRequest
 from service.settings import ServiceSettings
 from service.states import Step, after
 from service.store import JobRecord, JobStore, NewJob, SceneStore
@@ -21,7 +21,7 @@ def new_job(
     request: JobRequest, caller: Caller, settings: ServiceSettings, scenes: SceneStore, jobs: JobStore
 ) -> NewJob:
     """What to queue. Raises ProblemError."""
-    _check_queue(jobs.queue(), caller, settings)
+    check_queue(jobs.queue(), caller.client_id, settings)
     if request.scene.gallery is not None:
         try:
             built_in = gallery.find(request.scene.gallery)
@@ -42,14 +42,7 @@ def new_job(
             f"{width}×{height} are {width * height} pixels, and this service allows "
             f"{settings.max_pixels}; ask for a smaller picture",
         )
-    if request.target.region is not None:
-        try:
-            Region.of(request.target.region).scope(width, height)
-        except SettingsError as error:
-            raise refused("target.region", str(error)) from None
-    if (spp := request.target.spp) is not None and spp * width * height > settings.max_samples:
-        most = settings.max_samples // (width * height)
-        raise refused("target.spp", f"{spp} of {width}×{height} pixels are too many; this service allows {most}")
+    _check_target(request.target, width, height, settings)
     resolved = request.settings.model_dump() | {"width": width, "height": height}
     return NewJob(
         name,
@@ -64,10 +57,22 @@ def new_job(
     )
 
 
-def _check_queue(queue: list[Waiting], caller: Caller, settings: ServiceSettings) -> None:
-    own = sum(1 for waiting in queue if waiting.client_id == caller.client_id)
+def _check_target(target: TargetRequest, width: int, height: int, settings: ServiceSettings) -> None:
+    if target.region is not None:
+        try:
+            Region.of(target.region).scope(width, height)
+        except SettingsError as error:
+            raise refused("target.region", str(error)) from None
+    if target.spp is not None and target.spp * width * height > settings.max_samples:
+        most = settings.max_samples // (width * height)
+        raise refused("target.spp", f"{target.spp} of {width}×{height} pixels are too many; this service allows {most}")
+
+
+def check_queue(queue: list[Waiting], client_id: str, settings: ServiceSettings) -> None:
+    """Whether one more job of a client may wait. Raises ProblemError."""
+    own = sum(1 for waiting in queue if waiting.client_id == client_id)
     limits = [(len(queue), settings.max_waiting_jobs, "the limit of this service")]
-    if caller.client_id:
+    if client_id:
         limits.append((own, settings.max_waiting_per_client, "the limit of one client"))
     for count, most, whose in limits:
         if count >= most:
@@ -80,10 +85,11 @@ def request_digest(request: JobRequest) -> str:
     return hashlib.sha256(request.model_dump_json().encode()).hexdigest()
 
 
-def check_continuation(job: JobRecord, request: ContinueRequest) -> dict[str, Any]:
+def check_continuation(job: JobRecord, request: ContinueRequest, settings: ServiceSettings) -> dict[str, Any]:
     """The target with which a job that has ended goes on. Raises IllegalStep, ProblemError."""
     after(job.state, Step.CONTINUE)
     target, reached = request.target, job.progress
+    _check_target(target, job.settings["width"], job.settings["height"], settings)
     if target.spp is not None and reached.spp >= target.spp:
         raise refused("target.spp", f"{target.spp} are there already ({reached.spp:g}); ask for more")
     if target.seconds is not None and reached.seconds >= target.seconds:

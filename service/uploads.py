@@ -29,6 +29,7 @@ from service.store.records import now
 
 _REQUIREMENTS = "requirements.json"  # beside the folder of what was uploaded
 _IDLE_SECONDS = 60.0
+_AT_ONCE = 2
 _LOADING_SECONDS = 30.0  # to start a process and import the renderer, on a busy machine
 
 
@@ -43,6 +44,8 @@ class Uploads:
         self._busy = 0
         self._built_in: dict[str, dict[str, Any]] = {}
         self._keeping = asyncio.Lock()
+        # Unpacked, each may be large, and unpacking keeps a thread busy that others wait for.
+        self._at_once = asyncio.Semaphore(_AT_ONCE)
         self._log = structlog.get_logger("service.uploads")
 
     def prepare(self) -> None:
@@ -53,6 +56,10 @@ class Uploads:
 
     async def take(self, source: BinaryIO, file_name: str) -> tuple[SceneRecord, bool]:
         """The stored scene, and whether it is new. Raises ProblemError."""
+        async with self._at_once:
+            return await self._take(source, file_name)
+
+    async def _take(self, source: BinaryIO, file_name: str) -> tuple[SceneRecord, bool]:
         folder = Path(await asyncio.to_thread(tempfile.mkdtemp, prefix=".upload-", dir=self._settings.scenes_dir))
         try:
             inner = _folder_name(file_name)

@@ -22,6 +22,7 @@ SCENE_SUFFIXES = (".xml", ".json")
 # Mitsuba looks for its plugins in the scene's folder first: code has no place there.
 _CODE_SUFFIXES = (".so", ".dll", ".dylib", ".pyd", ".py", ".exe")
 _CHUNK = 1 << 16
+_ENTRY_MARK = b"PK\x01\x02"  # before each entry of a zip's list
 # Small files may be packed as tightly as they like.
 _RATIO_FREE_BYTES = 1 << 20
 
@@ -84,6 +85,7 @@ def unpack(source: BinaryIO, file_name: str, folder: Path, limits: Limits) -> Bu
 
 def _unpack_zip(source: BinaryIO, folder: Path, limits: Limits) -> dict[str, str]:
     """Unpack and return sha256 by path."""
+    _check_entries(source, limits)
     try:
         with zipfile.ZipFile(source) as archive:
             entries = _vetted(archive, limits)
@@ -92,6 +94,17 @@ def _unpack_zip(source: BinaryIO, folder: Path, limits: Limits) -> dict[str, str
         raise BundleError(f"the zip file is damaged ({error}); pack it again") from error
     except NotImplementedError as error:
         raise BundleError(f"the zip file uses a method that is not supported ({error}); use deflate") from error
+
+
+def _check_entries(source: BinaryIO, limits: Limits) -> None:
+    """Refuse a list of entries that is far too long before it is read: a million take half a minute and 500 MiB."""
+    most, found, kept = 2 * limits.files + 1000, 0, b""  # folders are entries too
+    while chunk := source.read(1 << 20):
+        found += (kept + chunk).count(_ENTRY_MARK)
+        kept = chunk[1 - len(_ENTRY_MARK) :]
+        if found > most:
+            raise BundleError(f"the zip file lists more than {most} files and folders; send fewer")
+    source.seek(0)
 
 
 def _vetted(archive: zipfile.ZipFile, limits: Limits) -> dict[str, zipfile.ZipInfo]:

@@ -12,6 +12,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -96,9 +97,13 @@ class LocalEngine:
 
     def _how_it_ended(self) -> str:
         """By which signal or exit code."""
+        ends = time.monotonic() + _REAP_SECONDS
         for process in self._processes():
             process.join(_REAP_SECONDS)
-            if (code := process.exitcode) is not None:
+            # Its pool waits for it too, and only one of the two is told at once.
+            while (code := process.exitcode) is None and time.monotonic() < ends:
+                time.sleep(0.01)
+            if code is not None:
                 return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
         return "for an unknown reason"
 

@@ -112,7 +112,10 @@ def advance(turn: Turn) -> TurnResult:
             warnings=tuple(run.scene.warnings),
         )
     except Exception as error:
-        _runs.pop(key, None)
+        failed = _runs.pop(key, None)
+        if failed is not None and failed.saving is not None:
+            with contextlib.suppress(Exception):
+                failed.saving.result()  # later nobody would look for its file
         return TurnResult(failure=failure_of(error))
     if is_over:
         del _runs[key]

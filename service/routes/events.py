@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Header, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from service.access import Reader
-from service.clients import Caller
+from service.access import Reader, may_still_ask
 from service.context import Service, ServiceContext
 from service.errors import ProblemError
+from service.hub import Subscription
 from service.messages import Hello, Ping, ProgressMessage
 from service.news import Told, progress
 from service.store.records import now
@@ -55,56 +56,60 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
 }
 
 
-def _room(service: ServiceContext, caller: Reader) -> Caller:
-    """The caller, if it may open one more stream. Raises ProblemError."""
-    limits = service.settings
+async def _subscription(service: ServiceContext, caller: Reader) -> AsyncIterator[Subscription]:
+    """One more stream, if the caller may open one; it counts before anyone else asks. Raises ProblemError."""
+    limits, hub = service.settings, service.hub
     for count, most in (
-        (service.hub.count(caller.client_id), limits.max_streams_per_client),
-        (service.hub.count(), limits.max_streams),
+        (hub.count(caller.client_id), limits.max_streams_per_client),
+        (hub.count(), limits.max_streams),
     ):
         if count >= most:
             service.metrics.refusals.labels("streams").inc()
             detail = f"{count} event streams are open, the limit here; close one: a single stream tells of all jobs."
             raise ProblemError(429, "too-many", "Too many event streams", detail, headers={"Retry-After": "10"})
-    return caller
+    subscription = hub.subscribe(caller.client_id, caller.scope)
+    try:
+        yield subscription
+    finally:
+        hub.unsubscribe(subscription)
 
 
 @router.get("/events", response_class=EventSourceResponse, responses=_EVENTS)
 async def events(
     service: ServiceContext,
-    caller: Annotated[Caller, Depends(_room)],
+    subscription: Annotated[Subscription, Depends(_subscription)],
     request: Request,
     last_event_id: Annotated[str, Header()] = "",
 ) -> AsyncIterator[ServerSentEvent]:
     """Changes of state, with replay of those after Last-Event-ID, and the progress of running jobs."""
     hub = service.hub
-    subscription = hub.subscribe(caller.client_id, caller.scope)
-    try:
-        # What happens from here on is queued; what happened before is read from the store.
-        until = hub.last_event_id
-        after = await asyncio.to_thread(_replay_from, service, last_event_id, until)
-        hello = Hello(server=service.id, last_event_id=until)
-        # With its id, so that a client that sees nothing else still comes back with a Last-Event-ID.
-        yield ServerSentEvent(event="hello", data=hello, retry=1000, id=str(until) if after is None else None)
-        if after is not None:
-            async for event in hub.missed(after, until):
-                if subscription.hears(event.client_id):
-                    yield _event(event)
-            for live in filter(lambda live: subscription.hears(live.record.client_id), service.runner.live_jobs()):
-                yield _event(progress(ProgressMessage.of(live.record, live.progress), live.record.client_id))
-        silent = 0
-        async for news in subscription.news(service.settings.ping_seconds / _LOOKS_PER_PING):
-            silent = silent + 1 if news is None else 0
-            if news is None:
-                # A client that has gone is noticed without writing to it.
-                if await request.is_disconnected():
-                    return
-                if silent % _LOOKS_PER_PING == 0:
-                    yield ServerSentEvent(event="ping", data=Ping(at=now()))
-            else:
-                yield _event(news)
-    finally:
-        hub.unsubscribe(subscription)
+    # What happens from here on is queued; what happened before is read from the store.
+    until = hub.last_event_id
+    after = await asyncio.to_thread(_replay_from, service, last_event_id, until)
+    hello = Hello(server=service.id, last_event_id=until)
+    # With its id, so that a client that sees nothing else still comes back with a Last-Event-ID.
+    yield ServerSentEvent(event="hello", data=hello, retry=1000, id=str(until) if after is None else None)
+    if after is not None:
+        async for event in hub.missed(after, until):
+            if subscription.hears(event.client_id):
+                yield _event(event)
+        for live in filter(lambda live: subscription.hears(live.record.client_id), service.runner.live_jobs()):
+            yield _event(progress(ProgressMessage.of(live.record, live.progress), live.record.client_id))
+    silent, checked = 0, time.monotonic()
+    async for news in subscription.news(service.settings.ping_seconds / _LOOKS_PER_PING):
+        silent = silent + 1 if news is None else 0
+        if time.monotonic() - checked > service.settings.ping_seconds:
+            checked = time.monotonic()
+            if not await may_still_ask(request, service):
+                return
+        if news is None:
+            # A client that has gone is noticed without writing to it.
+            if await request.is_disconnected():
+                return
+            if silent % _LOOKS_PER_PING == 0:
+                yield ServerSentEvent(event="ping", data=Ping(at=now()))
+        else:
+            yield _event(news)
 
 
 def _replay_from(service: Service, last_event_id: str, until: int) -> int | None:

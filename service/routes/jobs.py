@@ -11,9 +11,9 @@ from fastapi import APIRouter, Header, Query, Response
 from service.access import OwnJob, ReadableJob, Reader, Submitter, up_to_date
 from service.context import Service, ServiceContext
 from service.messages import ContinueRequest, Job, JobDetail, JobList, JobRequest
-from service.states import State, Step
+from service.states import State, Step, after
 from service.store import JobRecord
-from service.submission import check_continuation, new_job, request_digest
+from service.submission import check_continuation, check_queue, new_job, request_digest
 
 router = APIRouter(prefix="/api/jobs", tags=["jobs"])
 
@@ -99,9 +99,11 @@ async def pause_job(job: OwnJob, service: ServiceContext) -> JobDetail:
     return await detail_of(service, job.id)
 
 
-@router.post("/{job_id}/resume", responses={404: {}, 409: {}, 422: {}})
+@router.post("/{job_id}/resume", responses={404: {}, 409: {}, 422: {}, 429: {}})
 async def resume_job(job: OwnJob, service: ServiceContext) -> JobDetail:
     """Queue a paused job again; it goes on where it was."""
+    after(job.state, Step.RESUME)
+    await _check_room(service, job)
     await service.runner.move(job.id, Step.RESUME)
     return await detail_of(service, job.id)
 
@@ -113,10 +115,16 @@ async def cancel_job(job: OwnJob, service: ServiceContext) -> JobDetail:
     return await detail_of(service, job.id)
 
 
-@router.post("/{job_id}/continue", responses={404: {}, 409: {}, 422: {}})
+@router.post("/{job_id}/continue", responses={404: {}, 409: {}, 422: {}, 429: {}})
 async def continue_job(job: OwnJob, request: ContinueRequest, service: ServiceContext) -> JobDetail:
     """Queue a succeeded or cancelled job again with a new target; no sample is rendered twice."""
-    target = check_continuation(job, request)
+    target = check_continuation(job, request, service.settings)
+    await _check_room(service, job)
     changes = {"finished_at": None, "stopped_by": None, "crashes": 0}
     await service.runner.move(job.id, Step.CONTINUE, target=target, **changes)
     return await detail_of(service, job.id)
+
+
+async def _check_room(service: Service, job: JobRecord) -> None:
+    """Whether a job may be queued again. Raises ProblemError."""
+    check_queue(await asyncio.to_thread(service.jobs.queue), job.client_id, service.settings)

@@ -13,10 +13,11 @@ from service import frames
 from service.access import NEEDS_READER
 from service.context import Service, ServiceContext
 from service.engine import learning
-from service.engine.interface import Lost, run_within
+from service.engine.interface import Lost
 from service.engine.turn import Failure
 from service.errors import ProblemError, not_found, refused
 from service.messages import FirstVertex, RunningMoments, Technique
+from service.runner import Busy
 
 router = APIRouter(prefix="/api/learn/{scene}", tags=["learn"], dependencies=[NEEDS_READER])
 
@@ -30,7 +31,7 @@ Column = Annotated[int, Query(ge=0, description="column, at the scene's own size
 Row = Annotated[int, Query(ge=0, description="row, 0 at the top")]
 
 
-@router.get("", responses={404: {}, 422: {}})
+@router.get("", responses={404: {}, 422: {}, 429: {}})
 async def first_vertex(
     scene: Scene,
     service: ServiceContext,
@@ -45,7 +46,11 @@ async def first_vertex(
 @router.get(
     "/incident",
     response_class=Response,
-    responses={200: {"content": {frames.MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}}}, 404: {}},
+    responses={
+        200: {"content": {frames.MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}}},
+        404: {},
+        429: {},
+    },
 )
 async def incident_radiance(
     scene: Scene,
@@ -62,7 +67,7 @@ async def incident_radiance(
     return Response(body, media_type=frames.MEDIA_TYPE, headers={"Cache-Control": "no-cache"})
 
 
-@router.get("/samples", responses={404: {}, 422: {}})
+@router.get("/samples", responses={404: {}, 422: {}, 429: {}})
 async def running_estimate(
     scene: Scene,
     service: ServiceContext,
@@ -90,7 +95,11 @@ def _pixel(scene: str, x: int, y: int) -> learning.Pixel:
 
 async def _ask(service: Service, call: Callable[..., T | Failure], *arguments: object) -> T:
     try:
-        answer = await run_within(service.engine, _DEADLINE_SECONDS, call, *arguments)
+        answer = await service.runner.ask(_DEADLINE_SECONDS, call, *arguments)
+    except Busy:
+        service.metrics.refusals.labels("questions").inc()
+        detail = "Too many ask the renderer now; ask again in a moment."
+        raise ProblemError(429, "too-many", "The renderer is busy", detail, headers={"Retry-After": "2"}) from None
     except Lost as lost:
         raise ProblemError(503, "renderer-lost", "The renderer was lost", f"{lost}; ask again.") from None
     if isinstance(answer, Failure):

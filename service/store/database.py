@@ -20,6 +20,7 @@ from service.store.upgrade import upgrade
 
 # Held by whoever writes an event until its transaction ends.
 _EVENT_ORDER = 0x46524545
+_CONNECT_SECONDS = 5
 
 
 class DatabaseError(Exception):
@@ -56,8 +57,8 @@ class Database:
                 raise DatabaseError(f"the database {backend} is not supported; use sqlite:/// or postgresql://")
             # A connection that the server closed meanwhile is replaced before it is used.
             is_server = backend == "postgresql"
-            encoding = {"client_encoding": "utf8"} if is_server else {}
-            self._writing = create_engine(url, pool_pre_ping=is_server, connect_args=encoding)
+            how = {"client_encoding": "utf8", "connect_timeout": _CONNECT_SECONDS} if is_server else {}
+            self._writing = create_engine(url, pool_pre_ping=is_server, connect_args=how)
         except (ArgumentError, NoSuchModuleError):
             raise DatabaseError("the database URL is not understood; write postgresql://user@host/name") from None
         except ModuleNotFoundError:

@@ -76,6 +76,30 @@ async def rate(client: httpx.AsyncClient, seconds: float) -> float:
     return (after - before) / (time.perf_counter() - began)
 
 
+@dataclass
+class Memory:
+    """Resident bytes of each process while the load lasts, every few seconds."""
+
+    seconds: list[float] = field(default_factory=list)
+    bytes: dict[str, list[float]] = field(default_factory=lambda: {"service": [], "render": []})
+
+    async def watch(self, client: httpx.AsyncClient, pause: float = 5.0) -> None:
+        while True:
+            found = await figures(client)
+            self.seconds.append(time.perf_counter())
+            for name, some in self.bytes.items():
+                some.append(found[f'fredholm_memory_bytes{{process="{name}"}}'])
+            await asyncio.sleep(pause)
+
+    def of(self, name: str) -> dict[str, float | None]:
+        """First and last in bytes; growth in bytes per minute over the later two thirds, when caches are full."""
+        some, slope = self.bytes[name], None
+        later = slice(len(some) // 3, None)
+        if len(some[later]) > 2:
+            slope = 60 * statistics.linear_regression(self.seconds[later], some[later]).slope
+        return {"first": some[0], "last": some[-1], "slope": slope}
+
+
 async def end_all(client: httpx.AsyncClient) -> None:
     for job in (await client.get("/api/jobs", params={"limit": 1000})).json()["jobs"]:
         if job["state"] in ("queued", "running", "paused"):
@@ -128,12 +152,13 @@ async def measure(server: Server, minutes: float) -> dict[str, Any]:
         tasks += [asyncio.create_task(poll_frames(client, answers, shown)) for _ in range(POLLERS)]
         tasks += [asyncio.create_task(ask_around(client, answers, shown))]
         await asyncio.sleep(3)
-        before = await figures(client)
+        memory = Memory()
+        watching = asyncio.create_task(memory.watch(client))
         loaded = await rate(client, seconds)
-        after = await figures(client)
+        watching.cancel()
         for task in tasks:
             task.cancel()
-        for task in tasks:
+        for task in [*tasks, watching]:
             with contextlib.suppress(asyncio.CancelledError):
                 await task
         waiting = sum(1 for job in await listed(client) if job["state"] == "queued")
@@ -145,8 +170,6 @@ async def measure(server: Server, minutes: float) -> dict[str, Any]:
             await asyncio.sleep(0.1)
         previews = [await first_preview(client) for _ in range(PREVIEWS)]
         await end_all(client)
-        bytes_of = {name: f'fredholm_memory_bytes{{process="{name}"}}' for name in ("service", "render")}
-        memory = {f"{name} memory": (before[label], after[label]) for name, label in bytes_of.items()}
         return {
             "samples_per_second_alone": calm,
             "samples_per_second_loaded": loaded,
@@ -158,7 +181,7 @@ async def measure(server: Server, minutes: float) -> dict[str, Any]:
             "p95_by_kind": {kind: answers.p95(kind) for kind in answers.seconds if len(answers.seconds[kind]) > 1},
             "failures": answers.failures[:5],
             "first_preview_seconds": previews,
-            **memory,
+            "memory": {name: memory.of(name) for name in memory.bytes},
         }
 
 
@@ -189,9 +212,10 @@ def show(found: dict[str, Any], minutes: float) -> None:
     table.add_row("fall of samples per second", fall, "< 10 %")
     worst = max(found["first_preview_seconds"])
     table.add_row("first preview beside ten big jobs, worst", f"{worst:.2f} s", "< 3 s")
-    for name in ("service memory", "render memory"):
-        before, after = found[name]
-        table.add_row(name, f"{before / 2**20:.0f} → {after / 2**20:.0f} MiB", "stable")
+    for name, told in found["memory"].items():
+        growth = "" if told["slope"] is None else f", {told['slope'] / 2**20:+.2f} MiB a minute"
+        text = f"{told['first'] / 2**20:.0f} → {told['last'] / 2**20:.0f} MiB{growth}"
+        table.add_row(f"memory of the {name} process", text, "stable")
     table.add_row("requests, failed", f"{found['requests']}, {len(found['failures'])}", "none failed")
     Console().print(table)
     for failure in found["failures"]:
@@ -200,7 +224,9 @@ def show(found: dict[str, Any], minutes: float) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.load", description="The service under load.")
-    parser.add_argument("--minutes", type=float, default=1.0, help="of load (15 tells whether memory is stable)")
+    parser.add_argument(
+        "--minutes", type=float, default=1.0, help="of load (from 5 on, memory tells whether it is stable)"
+    )
     parser.add_argument("--database", help="URL; SQLite by default")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     given = parser.parse_args()

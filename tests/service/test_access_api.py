@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -64,6 +65,7 @@ def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Server, di
             "FREDHOLM_MAX_WAITING_PER_CLIENT": "3",
             "FREDHOLM_MAX_RUNNING_JOBS": "1",
             "FREDHOLM_REQUESTS_BURST": "150",
+            "FREDHOLM_PING_SECONDS": "2",
             "FREDHOLM_REQUESTS_PER_SECOND": "40",
         },
     ).start()
@@ -148,10 +150,42 @@ def test_streams_of_one_client_have_a_limit(keyed: tuple[Server, dict[str, str]]
             pass
 
 
+def test_streams_opened_at_once_are_counted_one_by_one(keyed: tuple[Server, dict[str, str]]) -> None:
+    server, keys = keyed
+
+    async def open_all() -> list[int]:
+        async with httpx.AsyncClient(base_url=server.url, timeout=30) as client:
+            client.headers["Authorization"] = f"Bearer {keys['bob']}"
+            requests = [client.build_request("GET", "/api/events") for _ in range(20)]
+            answers = await asyncio.gather(*(client.send(request, stream=True) for request in requests))
+            for answer in answers:
+                await answer.aclose()
+            return [answer.status_code for answer in answers]
+
+    assert sorted(asyncio.run(open_all())) == [200] * 2 + [429] * 18
+
+
+def test_a_stream_ends_when_its_key_is_revoked(keyed: tuple[Server, dict[str, str]]) -> None:
+    server, _ = keyed
+    database = Database(f"sqlite:///{server.data_dir / 'fredholm.sqlite'}")
+    store = KeyStore(database)
+    record, key = Keys(store, server.data_dir / "secret").create("carol", "read")
+    with EventStream(server.url, key=key) as stream:
+        assert store.revoke(record.id)
+        assert stream.is_over.wait(12)
+    database.close()
+
+
 def test_queued_jobs_of_one_client_have_a_limit(keyed: tuple[Server, dict[str, str]]) -> None:
     made = [ask(keyed, "bob", "POST", "/api/jobs", json=BOX | {"target": LONG}) for _ in range(6)]
     assert {answer.status_code for answer in made} == {201, 429}
     assert "the limit of one client" in made[-1].json()["detail"]
+    # Nor can it be passed by: a paused job does not wait, and must find room when it is resumed.
+    waiting = next(answer.json()["id"] for answer in made if answer.json().get("queue_position"))
+    assert ask(keyed, "bob", "POST", f"/api/jobs/{waiting}/pause").json()["state"] == "paused"
+    made.append(ask(keyed, "bob", "POST", "/api/jobs", json=BOX | {"target": LONG}))
+    assert made[-1].status_code == 201
+    assert ask(keyed, "bob", "POST", f"/api/jobs/{waiting}/resume").status_code == 429
     other = ask(keyed, "submit", "POST", "/api/jobs", json=BOX | {"target": {"spp": 4}})
     assert other.status_code == 201
 

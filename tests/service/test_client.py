@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 import time
 from pathlib import Path
@@ -70,3 +71,32 @@ def test_a_service_that_is_away_is_told() -> None:
         Client("http://127.0.0.1:9", timeout=0.2)._json("GET", "/healthz", tries=2)
     with pytest.raises(ValueError, match="http://HOST:PORT"):
         Client("localhost")
+
+
+def test_a_watch_of_a_job_that_is_deleted_ends(server: Server) -> None:
+    client = Client(server.url)
+    job = client.submit("cornell-box", seconds=600, **SMALL)
+    client.pause(job.id)
+    watch = client.watch(job.id)
+    assert next(watch).state == "paused"
+    threading.Timer(0.3, client.delete, [job.id]).start()
+    with pytest.raises(ServiceError, match="No such job"):
+        list(watch)
+
+
+def test_half_a_download_is_no_picture(tmp_path: Path) -> None:
+    """A server that is killed while it sends: the first answers end early, the last one is whole."""
+    picture, lengths = b"0123456789" * 100, iter((3, 500, 1000))
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def serve() -> None:
+            for length in lengths:
+                connection, _ = listening.accept()
+                with connection:
+                    connection.recv(1 << 16)
+                    connection.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 1000\r\n\r\n" + picture[:length])
+
+        threading.Thread(target=serve, daemon=True).start()
+        client = Client(f"http://127.0.0.1:{listening.getsockname()[1]}")
+        assert client.download("id", tmp_path / "box.exr").read_bytes() == picture
+    assert [path.name for path in tmp_path.iterdir()] == ["box.exr"]

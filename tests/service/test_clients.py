@@ -8,12 +8,13 @@ import stat
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from service_process import ROOT
 
-from service.clients import Caller, ClientError, Keys, RateLimit, Role
+from service.clients import Caller, ClientError, Keys, RateLimit, Role, read_secret
 from service.store import Database
 from service.store.keys import KeyStore
 
@@ -98,3 +99,18 @@ def test_keys_are_made_listed_and_revoked_from_the_command_line(tmp_path: Path) 
     again = fredholm("revoke", text.split("_")[1])
     assert again.returncode == 2
     assert "no key" in again.stderr
+
+
+def test_a_secret_that_a_killed_process_left_empty_is_made_anew(tmp_path: Path) -> None:
+    path = tmp_path / "secret"
+    path.touch()
+    secret = read_secret(path)
+    assert len(secret) == 32
+    assert read_secret(path) == secret
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert [one.name for one in tmp_path.iterdir()] == ["secret"]
+
+
+def test_all_who_need_a_secret_at_once_get_the_same(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        assert len(set(pool.map(lambda _: read_secret(tmp_path / "secret"), range(32)))) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import subprocess
@@ -12,6 +13,10 @@ import httpx
 import pytest
 from event_stream import EventStream
 from service_process import LONG, ROOT, SMALL, Server, is_alive, wait_for
+from sqlalchemy import select, update
+
+from service.store import Database
+from service.store.schema import jobs
 
 
 def test_a_killed_render_process_is_replaced_and_the_job_goes_on(server: Server) -> None:
@@ -49,6 +54,9 @@ def test_a_job_that_keeps_killing_its_render_process_fails_and_others_do_not(own
     assert "last words" in detail
     assert "/" not in detail
     assert job["cause"]["hint"]
+    # Nothing was saved, so nothing is claimed: neither picture nor error.
+    assert (job["frame_seq"], job["samples"], job["error"], job["curve"]) == (0, 0, None, [])
+    assert httpx.get(f"{server.url}/api/jobs/{job_id}/image.exr").status_code == 404
     assert server.wait_ended(server.submit({"spp": 4})["id"])["state"] == "succeeded"
 
 
@@ -81,6 +89,51 @@ def test_after_kill_9_of_the_server_jobs_continue(own_server: Server, kills: int
     assert own_server.wait_ended(waiting)["state"] == "succeeded"
     own_server.wait(job_id, lambda job: job["samples"] > samples)
     assert own_server.cancel(job_id).json()["state"] == "cancelled"
+
+
+def test_database_and_memory_that_disagree_agree_again(own_server: Server) -> None:
+    """An answer of the database that was lost on its way: a job started that nobody runs, one ended that runs on."""
+    own_server.environment |= {"FREDHOLM_HEARTBEAT_SECONDS": "0.3", "FREDHOLM_MAX_RUNNING_JOBS": "1"}
+    own_server.start()
+    running, waiting = (own_server.submit(LONG)["id"], own_server.submit({"spp": 4}, SMALL | {"seed": 2})["id"])
+    own_server.wait(running, lambda job: job["frame_seq"] > 0)
+    database = Database(f"sqlite:///{own_server.data_dir / 'fredholm.sqlite'}")
+    with database.write() as connection:
+        mine = connection.execute(select(jobs.c.lease_owner, jobs.c.lease_until).where(jobs.c.id == running)).one()
+        started = {"state": "running", "attempt": 1, "lease_owner": mine.lease_owner, "lease_until": mine.lease_until}
+        connection.execute(update(jobs).where(jobs.c.id == waiting).values(started))
+    own_server.wait(waiting, lambda job: job["state"] == "queued", 20)
+    with database.write() as connection:
+        connection.execute(update(jobs).where(jobs.c.id == running).values(state="cancelled", lease_owner=None))
+    database.close()
+    assert own_server.wait_ended(waiting, 30)["state"] == "succeeded"
+    assert own_server.job(running)["state"] == "cancelled"
+    assert not [line for line in own_server.log() if line["event"] == "turn failed, going on"]
+
+
+def test_questions_of_many_pages_cost_no_job_its_picture(own_server: Server) -> None:
+    own_server.start()
+    job_id = own_server.submit(LONG)["id"]
+    own_server.wait(job_id, lambda job: job["seconds"] > 0.5)
+    asked = "/api/learn/cornell-box/samples?x=174&y=445&count=65536&first="
+
+    async def flood() -> tuple[list[int], httpx.Response]:
+        async with httpx.AsyncClient(base_url=own_server.url, timeout=120) as client:
+            questions = [asyncio.create_task(client.get(f"{asked}{i}")) for i in range(50)]
+            await asyncio.sleep(0.5)
+            left = await client.post(f"/api/jobs/{job_id}/cancel")
+            return [(await question).status_code for question in questions], left
+
+    statuses, left = asyncio.run(flood())
+    assert left.json()["state"] == "cancelled"
+    assert set(statuses) <= {200, 429}
+    assert 429 in statuses, "there is an end to how many may wait"
+    said = [line["event"] for line in own_server.log()]
+    # In vain without fair turns: its time was over before all who asked earlier were answered.
+    assert "job keeps its last saved picture only" not in said
+    assert said.count("render process started") == 1
+    turns = [line for line in own_server.log() if line.get("path", "").endswith("/cancel")]
+    assert turns[0]["ms"] < 8000
 
 
 def test_the_queue_has_places_and_an_end(own_server: Server) -> None:

@@ -128,3 +128,12 @@ def test_a_reader_that_stops_reading_costs_nothing(server: Server) -> None:
         began = time.monotonic()
         assert server.wait_ended(job_id)["state"] == "succeeded"
         assert time.monotonic() - began < 30
+
+
+def test_without_its_page_the_service_says_how_to_build_it(own_server: Server, tmp_path: Path) -> None:
+    own_server.environment["FREDHOLM_STATIC_DIR"] = str(tmp_path / "nothing")
+    own_server.start()
+    assert "make run" in httpx.get(own_server.url).text
+    for path in ("/assets/index.js", "/%00"):
+        assert httpx.get(own_server.url + path).status_code == 404
+    assert "Traceback" not in own_server.log_path.read_text()

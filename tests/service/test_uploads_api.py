@@ -197,3 +197,20 @@ def test_an_upload_without_a_file_is_told(client: httpx.Client) -> None:
     answer = client.post("/api/scenes", data={"other": "1"})
     assert answer.status_code == 422
     assert answer.json()["errors"][0]["field"] == "file"
+
+
+def test_few_uploads_are_unpacked_at_once(server: Server) -> None:
+    """Unpacked, each may take a large part of the disk."""
+    seen: list[int] = []
+
+    def one(i: int) -> int:
+        with server.client() as client:
+            return upload(client, "a.xml", PLAIN_SCENE.replace("0.4", f"0.3{i}")).status_code
+
+    with ThreadPoolExecutor(8) as pool:
+        answers = [pool.submit(one, i) for i in range(8)]
+        while not all(answer.done() for answer in answers):
+            seen.append(len(list((server.data_dir / "scenes").glob(".upload-*"))))
+            time.sleep(0.005)
+    assert {answer.result() for answer in answers} <= {200, 201}
+    assert 1 <= max(seen) <= 2
