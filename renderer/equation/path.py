@@ -23,6 +23,7 @@ from renderer.equation.emitters import EmitterSampler
 from renderer.equation.filter import PixelFilter
 from renderer.equation.mis import power_heuristic
 from renderer.equation.sequence import Sequence
+from renderer.equation.tables import table
 from renderer.equation.techniques import Directions
 
 mi: Any = mitsuba()
@@ -45,7 +46,7 @@ class Model:
     has_lens: whether the camera has an aperture. splits_lobes: see `Directions`.
     has_transmission: whether light passes any surface. has_visible_emitters: whether a ray can hit a light (not where
     all are points and directions). needs_time: whether the picture depends on the time within the shutter's opening.
-    stratified: Owen-scrambled points, else independent ones.
+    stratified: Owen-scrambled points, else independent ones. surveys_lights: choose among lights by the place.
     """
 
     technique: str
@@ -61,6 +62,7 @@ class Model:
     needs_time: bool = True
     has_roulette: bool = True
     stratified: bool = True
+    surveys_lights: bool = True
 
     @property
     def samples_emitters(self) -> bool:
@@ -78,7 +80,8 @@ class PathKernel:
         self.model = model
         self.filter = PixelFilter(mi, sensor.film().rfilter())
         self.directions = Directions(model.technique, model.splits_lobes)
-        self.emitters = EmitterSampler(scene)
+        surveys = model.samples_emitters and model.surveys_lights
+        self.emitters = EmitterSampler(scene, sensor if surveys else None)
         self.samples_emitters = model.samples_emitters and not self.emitters.is_empty
         # Sensors take positions relative to the crop window, of which `size` is the number of pixels.
         # Opaque, so that one compiled kernel serves all sizes and depths.
@@ -97,11 +100,9 @@ class PathKernel:
         """
         low, high = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), dr.opaque(mi.UInt32, seed >> 32)
         with dr.suspend_grad(), using(self.variant):
-            radiance, invalid, segments = self._run(_lanes(pixels), _lanes(replicates), low, high, self.sizes)
-        dr.eval(
-            radiance, invalid, segments
-        )  # apart from what reads them: else their number would be compiled into the kernel
-        return radiance, invalid, segments
+            lanes = self._run(table(pixels, mi.UInt32), table(replicates, mi.UInt32), low, high, self.sizes)
+        dr.eval(*lanes)  # apart from what reads them: else their number would be compiled into the kernel
+        return lanes
 
     @dr.syntax
     def _run(self, pixel: Any, replicate: Any, seed_low: Any, seed_high: Any, sizes: Sizes) -> Any:
@@ -124,6 +125,7 @@ class PathKernel:
         prev_p = mi.Point3f(0)  # vertex before, as the emitter pdf needs it
         prev_pdf = mi.Float(0)  # solid-angle density of `direction` at that vertex
         prev_delta = mi.Bool(True)  # `direction` could not have been found by emitter sampling
+        prev_place = mi.UInt32(0)  # of the vertex before, for the choice among lights
         throughput = mi.Spectrum(1)
         eta = mi.Float(1)  # product of relative indices of refraction
         radiance = mi.Spectrum(0)  # of the current sample
@@ -179,7 +181,7 @@ class PathKernel:
                         ref.p = prev_p
                         ref.time = time
                         ds_hit = mi.DirectionSample3f(scene, si, ref)
-                        pdf_em = self.emitters.pdf(ref, ds_hit, sees_emitter & ~prev_delta)
+                        pdf_em = self.emitters.pdf(ref, ds_hit, sees_emitter & ~prev_delta, prev_place)
                         weight_hit = dr.select(prev_delta, 1, power_heuristic(prev_pdf, pdf_em))
                 emission = emitter.eval(si, sees_emitter)
                 radiance[sees_emitter] = radiance + throughput * weight_hit * emission
@@ -212,7 +214,13 @@ class PathKernel:
                 ref_em = dr.zeros(mi.Interaction3f)
                 ref_em.p = dr.select(reflects, si.spawn_ray(-ray.d).o, si.p)
                 ref_em.time, ref_em.wavelengths = si.time, si.wavelengths
-                ds, emitter_weight = self.emitters.sample(ref_em, sequence.point(index, vertex + EMITTER), active_em)
+                u_light = sequence.point(index, vertex + EMITTER)
+                place = mi.UInt32(0)
+                if dr.hint(self.emitters.knows_places, mode="scalar"):
+                    facing = dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n)
+                    place = self.emitters.place(si.p, facing, active_em)
+                    prev_place[active_next] = place
+                ds, emitter_weight = self.emitters.sample(ref_em, u_light, active_em, place)
                 active_em &= ds.pdf != 0
                 wo = si.to_local(ds.d)
                 if dr.hint(self.model.splits_lobes, mode="scalar"):
@@ -295,10 +303,3 @@ class PathKernel:
         if mi.is_spectral:
             return mi.spectrum_to_srgb(radiance, wavelengths)
         return mi.Color3f(radiance)
-
-
-def _lanes(numbers: Any) -> Any:
-    """NumPy integers in Dr.Jit's own memory: an unaligned array would be compiled into the kernel as such."""
-    lanes = mi.UInt32(numbers) + dr.opaque(mi.UInt32, 0)
-    dr.eval(lanes)
-    return lanes

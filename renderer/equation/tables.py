@@ -1,0 +1,21 @@
+"""Tables that kernels read: NumPy numbers in Dr.Jit's own memory."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from renderer.backend import mitsuba
+
+mi: Any = mitsuba()
+
+
+def table(values: Any, of_type: Any) -> Any:
+    """Numbers as a Dr.Jit array of mi.UInt32 or mi.Float. The alignment of a NumPy array would be compiled into every
+    kernel that reads it: hence the copy."""
+    dtype = np.uint32 if of_type is mi.UInt32 else np.float32
+    copy = of_type(np.ascontiguousarray(values, dtype)) + dr.opaque(of_type, 0)
+    dr.eval(copy)
+    return copy
