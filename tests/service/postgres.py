@@ -40,14 +40,22 @@ class Postgres:
         if os.geteuid() == 0:
             shutil.chown(self.folder, "postgres", "postgres")
         self._run("initdb", "-A", "trust", "-U", "postgres", "-D", str(self.folder / "data"), "-E", "UTF8", "--no-sync")
+        return self.resume()
+
+    def resume(self) -> Postgres:
+        """Serve what is there."""
         # Nothing here must survive a power cut, so nothing waits for the disk.
         options = f"-p {self.port} -k {self.folder} -c listen_addresses=127.0.0.1 -c fsync=off -c max_connections=200"
         log = str(self.folder / "log")
         self._run("pg_ctl", "-D", str(self.folder / "data"), "-l", log, "-o", options, "-w", "start")
         return self
 
-    def stop(self) -> None:
+    def halt(self) -> None:
+        """End the server, as a crash would; its data stays."""
         self._run("pg_ctl", "-D", str(self.folder / "data"), "-m", "immediate", "-w", "stop")
+
+    def stop(self) -> None:
+        self.halt()
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def new_database(self) -> str:
