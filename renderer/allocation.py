@@ -27,7 +27,8 @@ FLOOR_SHARE = 0.2  # of the replicates that go to all pixels alike
 EARLY_SHARE = 0.75  # of the mean count that every pixel has at least, until its interval can be trusted
 WINDOW = 3
 EVENTS = 10.0  # expected rare bright values after which a neighbourhood is taken at its own word
-IMAGE_EVENTS = 50.0  # the same for the whole image: fewer say nothing about where they are to be expected
+IMAGE_EVENTS = 200.0  # the same for the whole image: fewer say nothing about where they are to be expected
+OWN_LEVELS = 3  # of the coarser windows, from which a pixel is left out one by one; it is a 576th of the next
 GOLDEN = 0.6180339887498949
 
 
@@ -70,9 +71,11 @@ def _wanting(moments: Moments, width: int, height: int) -> tuple[NDArray[np.floa
     third = np.abs(moments.skewness()) * own**1.5
     sums = tuple(a.reshape(shape).astype(np.float64) for a in (own, third, measured, moments.count))
 
-    levels = [tuple(np.maximum(box_sum(a, WINDOW) - a, 0.0) for a in sums)]
-    while max(sums[0].shape) > WINDOW:
+    own_sums, shapes = sums, [shape]
+    levels = [tuple(box_sum(a, WINDOW) for a in sums)]
+    while max(shapes[-1]) > WINDOW:
         sums = tuple(halved(a) for a in sums)
+        shapes.append(sums[0].shape)
         levels.append(tuple(box_sum(a, WINDOW) for a in sums))
     whole = tuple(np.full((1, 1), a.sum()) for a in sums)
 
@@ -80,13 +83,29 @@ def _wanting(moments: Moments, width: int, height: int) -> tuple[NDArray[np.floa
     events = event_rate(*whole[:3])
     seen = float(events[0, 0] * whole[3][0, 0])
     certainty = seen / (seen + IMAGE_EVENTS) if np.isfinite(seen) else 1.0
-    for total, cubed, among, replicates in reversed(levels):
-        wanting, events = doubled(wanting, total.shape), doubled(events, total.shape)
+    for k in reversed(range(len(levels))):
+        window = levels[k]
+        if k <= OWN_LEVELS:
+            # From here on per pixel, without the pixel itself.
+            window = tuple(
+                np.maximum(_spread(a, shapes[:k]) - own, 0.0) for a, own in zip(window, own_sums, strict=True)
+            )
+        total, cubed, among, replicates = window
+        if wanting.shape != total.shape:
+            between = shapes[: k + 1] if k == OWN_LEVELS else [total.shape]
+            wanting, events = _spread(wanting, between), _spread(events, between)
         expected = np.minimum(replicates * events, 1e12)
         here = total / np.maximum(among, 1.0)
         wanting = (expected * here + EVENTS * wanting) / (expected + EVENTS)
         events = event_rate(total, cubed, among)
     return wanting.ravel(), certainty
+
+
+def _spread(values: NDArray[np.float64], shapes: list[tuple[int, int]]) -> NDArray[np.float64]:
+    """Values of a coarse level on the finest of `shapes`, each of which is about twice the next."""
+    for shape in reversed(shapes):
+        values = doubled(values, shape)
+    return values
 
 
 def _cost(moments: Moments, width: int, height: int) -> NDArray[np.float64]:
