@@ -15,7 +15,7 @@ def kept_faces(positions: NDArray[np.float32], faces: NDArray[np.uint32]) -> NDA
     x, y, z = np.ascontiguousarray(positions.T, np.float64)
     a, b, c = np.ascontiguousarray(faces.T)
     # The normal's components, without the sum of their squares, which would vanish for small faces.
-    (xb, yb, zb), (xc, yc, zc) = ((axis[end] - axis[a] for axis in (x, y, z)) for end in (b, c))
+    (xb, yb, zb), (xc, yc, zc) = ([axis[end] - axis[a] for axis in (x, y, z)] for end in (b, c))
     kept: NDArray[np.bool_] = np.abs(yb * zc - zb * yc) + np.abs(zb * xc - xb * zc) + np.abs(xb * yc - yb * xc) > 0
     return kept
 
