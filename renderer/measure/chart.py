@@ -58,10 +58,10 @@ def svg(found: Measurement) -> str:
         return _document(width, height, body)
     truth = f"; dotted: true error against {found.reference}" if found.reference else ""
     subtitle = (
-        f"{found.width}×{found.height} pixels, {found.seconds:g} s each, taking turns. × is efficiency, "
-        f"1/(variance × seconds), over the default's{truth}"
+        f"{found.width}×{found.height} pixels, {found.seconds:g} s each, taking turns; "
+        f"×: efficiency, 1/(variance × s), over the default's{truth}"
     )
-    body.append(_text(MARGIN, 60, subtitle, 12, MUTED))
+    body.append(_text(MARGIN, 60, subtitle, 11, MUTED))  # a single panel is no wider than this line
     axes = _axes(drawn)
     for i, group in enumerate(groups):
         rows = [row for row in found.rows if row.candidate.group == group or row is found.default]
