@@ -83,14 +83,14 @@ async def _frame_body(
     encoding: frames.Encoding,
 ) -> bytes:
     """Encoded once for all who ask, and only when someone does."""
-    key = (job_id, display.seq, reduce, has_maps, encoding)
-    async with service.frames.making(key):
-        body = service.frames.get(key)
+    key, seq = (job_id, reduce, has_maps, encoding), display.seq
+    async with service.frames.making((*key, seq)):
+        body = service.frames.get(key, seq)
         if body is None:
             body = await asyncio.to_thread(
                 lambda: frames.compress(frames.encode_frame(display, reduce, has_maps=has_maps), encoding)
             )
-            service.frames.put(key, body)
+            service.frames.put(key, body, seq)
     return body
 
 

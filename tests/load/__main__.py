@@ -118,13 +118,13 @@ class Memory:
                 some.append(found[f'fredholm_memory_bytes{{process="{name}"}}'])
             await asyncio.sleep(pause)
 
-    def of(self, name: str) -> dict[str, float | None]:
+    def of(self, name: str) -> dict[str, Any]:
         """First and last in bytes; growth in bytes per minute over the later two thirds, when caches are full."""
         some, slope = self.bytes[name], None
         later = slice(len(some) // 3, None)
         if len(some[later]) > 2:
             slope = 60 * statistics.linear_regression(self.seconds[later], some[later]).slope
-        return {"first": some[0], "last": some[-1], "slope": slope}
+        return {"first": some[0], "last": some[-1], "slope": slope, "all": some}
 
 
 async def end_all(client: httpx.AsyncClient) -> None:
