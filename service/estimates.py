@@ -49,14 +49,19 @@ class EstimateFiles:
         """
         return self.displays / f"{job.id}-{job.attempt}.display"
 
-    def display(self, path: Path | None, checkpoint: str | None, progress: Progress) -> Display | None:
-        """What a job shows: from shared memory while it runs, else from its saved estimate."""
-        if path is not None:
-            try:
-                return read_display(path)
-            except FileNotFoundError:
-                pass
-        return self._saved(checkpoint, progress.frame_seq, progress.seconds) if checkpoint else None
+    def shown(self, path: Path) -> Display | None:
+        """What a running job shows, from shared memory; None before its first picture and after its end."""
+        try:
+            return read_display(path)
+        except FileNotFoundError:
+            return None
+
+    def saved(self, checkpoint: str | None, progress: Progress) -> Display | None:
+        """What a job shows by its saved estimate; None without its file."""
+        # A newer one may have taken its place meanwhile.
+        if checkpoint is None or not self.path(checkpoint).is_file():
+            return None
+        return self._saved(checkpoint, progress.frame_seq, progress.seconds)
 
     def _read(self, checkpoint: str, seq: int, seconds: float) -> Display:
         from renderer import Estimate

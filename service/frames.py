@@ -177,11 +177,11 @@ def compress(body: bytes, encoding: Encoding) -> bytes:
 
 
 class FrameCache:
-    """The most recent bodies by key, at most `limit_bytes` of them. For use from one event loop."""
+    """The newest body of each key, at most `limit_bytes` of them. For use from one event loop."""
 
     def __init__(self, limit_bytes: int = 128 << 20) -> None:
         self._limit_bytes = limit_bytes
-        self._bodies: OrderedDict[tuple[object, ...], bytes] = OrderedDict()
+        self._bodies: OrderedDict[tuple[object, ...], tuple[int, bytes]] = OrderedDict()
         self._bytes = 0
         self._making: dict[tuple[object, ...], tuple[asyncio.Lock, int]] = {}
 
@@ -200,15 +200,21 @@ class FrameCache:
             else:
                 self._making[key] = (lock, users - 1)
 
-    def get(self, key: tuple[object, ...]) -> bytes | None:
-        """A body, or None."""
-        if key in self._bodies:
-            self._bodies.move_to_end(key)
-        return self._bodies.get(key)
+    def get(self, key: tuple[object, ...], seq: int = 0) -> bytes | None:
+        """The body of a frame, or None."""
+        kept = self._bodies.get(key)
+        if kept is None or kept[0] != seq:
+            return None
+        self._bodies.move_to_end(key)
+        return kept[1]
 
-    def put(self, key: tuple[object, ...], body: bytes) -> None:
-        """Keep a body; the least recently used ones make room."""
-        self._bytes += len(body) - len(self._bodies.pop(key, b""))
-        self._bodies[key] = body
+    def put(self, key: tuple[object, ...], body: bytes, seq: int = 0) -> None:
+        """Keep a body in place of an older frame's, for which nobody asks any more; the least used ones make room."""
+        kept = self._bodies.get(key)
+        if kept is not None and kept[0] > seq:
+            return
+        self._bytes += len(body) - (len(kept[1]) if kept is not None else 0)
+        self._bodies[key] = seq, body
+        self._bodies.move_to_end(key)
         while self._bytes > self._limit_bytes and len(self._bodies) > 1:
-            self._bytes -= len(self._bodies.popitem(last=False)[1])
+            self._bytes -= len(self._bodies.popitem(last=False)[1][1])

@@ -26,6 +26,8 @@ from service.settings import ServiceSettings
 from service.store import Database, DatabaseError
 
 _GRACE_SECONDS = 2
+# Threads that read JSON from the database hold the interpreter for this long before the event loop may answer others.
+_THREAD_SECONDS = 0.001
 
 
 class ServeError(FredholmError):
@@ -68,6 +70,7 @@ def run(
     print(f"Fredholm is at {address} (Ctrl-C ends it)", flush=True)
     if open_browser and _has_display():
         threading.Timer(0.8, webbrowser.open, [address]).start()
+    sys.setswitchinterval(_THREAD_SECONDS)
     with contextlib.suppress(KeyboardInterrupt):
         _Server(config, app).run(sockets=[listening])
 

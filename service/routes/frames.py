@@ -83,14 +83,14 @@ async def _frame_body(
     encoding: frames.Encoding,
 ) -> bytes:
     """Encoded once for all who ask, and only when someone does."""
-    key = (job_id, display.seq, reduce, has_maps, encoding)
-    async with service.frames.making(key):
-        body = service.frames.get(key)
+    key, seq = (job_id, reduce, has_maps, encoding), display.seq
+    async with service.frames.making((*key, seq)):
+        body = service.frames.get(key, seq)
         if body is None:
             body = await asyncio.to_thread(
                 lambda: frames.compress(frames.encode_frame(display, reduce, has_maps=has_maps), encoding)
             )
-            service.frames.put(key, body)
+            service.frames.put(key, body, seq)
     return body
 
 
@@ -156,16 +156,23 @@ async def _current(service: Service, job_id: str) -> JobRecord:
 
 
 async def _display(service: Service, job: JobRecord) -> Display:
-    live = service.runner.live(job.id)
-    path = live.display_path if live else None
-    display = await asyncio.to_thread(service.files.display, path, job.checkpoint, job.progress)
+    # Mapping a file of shared memory takes less than handing that to a thread, and most who ask ask for these.
+    if (live := service.runner.live(job.id)) and (display := service.files.shown(live.display_path)):
+        return display
+    display = await _saved(service, job)
     if display is None:
         # The job may have ended between the two looks: its saved estimate is there now.
         job = await asyncio.to_thread(service.jobs.get, job.id)
-        display = await asyncio.to_thread(service.files.display, None, job.checkpoint, job.progress)
+        display = await _saved(service, job)
     if display is None:
         raise _no_picture(job)
     return display
+
+
+async def _saved(service: Service, job: JobRecord) -> Display | None:
+    """The saved picture, read once for all who ask at a time: a large one takes seconds and memory."""
+    async with service.frames.making(("saved", job.checkpoint, job.progress.frame_seq)):
+        return await asyncio.to_thread(service.files.saved, job.checkpoint, job.progress)
 
 
 def _no_picture(job: JobRecord) -> ProblemError:

@@ -13,6 +13,7 @@ import argparse
 import asyncio
 import contextlib
 import json
+import os
 import random
 import statistics
 import tempfile
@@ -68,12 +69,38 @@ async def figures(client: httpx.AsyncClient) -> dict[str, float]:
     return {name: float(value) for name, _, value in (line.rpartition(" ") for line in lines if line[0] != "#")}
 
 
-async def rate(client: httpx.AsyncClient, seconds: float) -> float:
-    """Samples per second of the whole service over some time."""
-    began, before = time.perf_counter(), (await figures(client))["fredholm_samples_total"]
+@dataclass(frozen=True)
+class Rate:
+    """Samples over some time, and processor seconds of each who took part in it, by name."""
+
+    samples: float
+    seconds: float
+    processor: dict[str, float]
+
+    @property
+    def per_second(self) -> float:
+        return self.samples / self.seconds
+
+    @property
+    def per_processor_second(self) -> float:
+        """Of the render process: what the load takes away from it on the same cores does not count."""
+        return self.samples / self.processor["render"]
+
+
+def processor_seconds(server: Server) -> dict[str, float]:
+    assert server.process is not None
+    pids = {"load": os.getpid(), "service": server.process.pid, "render": server.render_pids()[-1]}
+    fields = {name: Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for name, pid in pids.items()}
+    return {name: (int(some[11]) + int(some[12])) / os.sysconf("SC_CLK_TCK") for name, some in fields.items()}
+
+
+async def rate(client: httpx.AsyncClient, server: Server, seconds: float) -> Rate:
+    """Samples of the whole service over some time."""
+    began, used, before = time.perf_counter(), processor_seconds(server), await figures(client)
     await asyncio.sleep(seconds)
-    after = (await figures(client))["fredholm_samples_total"]
-    return (after - before) / (time.perf_counter() - began)
+    samples = (await figures(client))["fredholm_samples_total"] - before["fredholm_samples_total"]
+    after = processor_seconds(server)
+    return Rate(samples, time.perf_counter() - began, {name: after[name] - used[name] for name in used})
 
 
 @dataclass
@@ -91,13 +118,13 @@ class Memory:
                 some.append(found[f'fredholm_memory_bytes{{process="{name}"}}'])
             await asyncio.sleep(pause)
 
-    def of(self, name: str) -> dict[str, float | None]:
+    def of(self, name: str) -> dict[str, Any]:
         """First and last in bytes; growth in bytes per minute over the later two thirds, when caches are full."""
         some, slope = self.bytes[name], None
         later = slice(len(some) // 3, None)
         if len(some[later]) > 2:
             slope = 60 * statistics.linear_regression(self.seconds[later], some[later]).slope
-        return {"first": some[0], "last": some[-1], "slope": slope}
+        return {"first": some[0], "last": some[-1], "slope": slope, "all": some}
 
 
 async def end_all(client: httpx.AsyncClient) -> None:
@@ -140,7 +167,7 @@ async def measure(server: Server, minutes: float) -> dict[str, Any]:
         alone = (await client.post("/api/jobs", json=body_of({"seconds": 3600}, BIG))).json()["id"]
         while (await client.get(f"/api/jobs/{alone}")).json()["frame_seq"] < 5:
             await asyncio.sleep(0.1)
-        calm = await rate(client, min(20.0, seconds))
+        calm = await rate(client, server, min(20.0, seconds))
 
         for _ in range(JOBS - 1):
             await client.post("/api/jobs", json=body_of({"seconds": 3600}, BIG))
@@ -154,7 +181,7 @@ async def measure(server: Server, minutes: float) -> dict[str, Any]:
         await asyncio.sleep(3)
         memory = Memory()
         watching = asyncio.create_task(memory.watch(client))
-        loaded = await rate(client, seconds)
+        loaded = await rate(client, server, seconds)
         watching.cancel()
         for task in tasks:
             task.cancel()
@@ -171,9 +198,12 @@ async def measure(server: Server, minutes: float) -> dict[str, Any]:
         previews = [await first_preview(client) for _ in range(PREVIEWS)]
         await end_all(client)
         return {
-            "samples_per_second_alone": calm,
-            "samples_per_second_loaded": loaded,
-            "throughput_fall": 1 - loaded / calm,
+            "samples_per_second_alone": calm.per_second,
+            "samples_per_second_loaded": loaded.per_second,
+            "throughput_fall": 1 - loaded.per_second / calm.per_second,
+            "throughput_fall_per_processor_second": 1 - loaded.per_processor_second / calm.per_processor_second,
+            "processors_used": {name: used / loaded.seconds for name, used in loaded.processor.items()},
+            "processors_used_alone": {name: used / calm.seconds for name, used in calm.processor.items()},
             "jobs_waiting": waiting,
             "requests": sum(len(some) for some in answers.seconds.values()),
             "events_told": told[0],
@@ -209,7 +239,11 @@ def show(found: dict[str, Any], minutes: float) -> None:
     for kind, seconds in found["p95_by_kind"].items():
         table.add_row(f"  {kind}", f"{1000 * seconds:.0f} ms", "")
     fall = f"{100 * found['throughput_fall']:.1f} %"
-    table.add_row("fall of samples per second", fall, "< 10 %")
+    table.add_row("fall of samples per second", fall, "< 10 % with cores to spare")
+    own = f"{100 * found['throughput_fall_per_processor_second']:.1f} %"
+    table.add_row("  per processor second of rendering", own, "< 10 %")
+    shares = ", ".join(f"{name} {share:.2f}" for name, share in found["processors_used"].items())
+    table.add_row("processors used", shares, "")
     worst = max(found["first_preview_seconds"])
     table.add_row("first preview beside ten big jobs, worst", f"{worst:.2f} s", "< 3 s")
     for name, told in found["memory"].items():
@@ -231,7 +265,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write the figures here too")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="fredholm-load-") as folder:
-        environment = {"FREDHOLM_MAX_WAITING_JOBS": "1000", "FREDHOLM_LOG_LEVEL": "warning"}
+        environment = {"FREDHOLM_MAX_WAITING_JOBS": "1000", "FREDHOLM_LOG_LEVEL": "info"}
         if given.database:
             environment["FREDHOLM_DATABASE_URL"] = given.database
         server = Server(Path(folder) / "data", environment).start()

@@ -148,6 +148,16 @@ def test_the_cache_drops_the_least_recently_used() -> None:
     assert cache.get(("a",)) is not None
 
 
+def test_a_newer_frame_takes_the_place_of_an_older_one() -> None:
+    """128 MiB of frames that nobody asks for any more would be kept otherwise."""
+    cache = FrameCache()
+    cache.put(("a",), b"old", 1)
+    cache.put(("a",), b"new", 2)
+    cache.put(("a",), b"late", 1)
+    assert cache.get(("a",), 2) == b"new"
+    assert cache.get(("a",), 1) is None
+
+
 def test_a_body_is_made_once_for_all_who_ask_at_the_same_time() -> None:
     cache, made = FrameCache(), 0
 

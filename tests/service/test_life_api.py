@@ -71,9 +71,14 @@ def test_a_cancelled_job_can_go_on(server: Server, client: httpx.Client) -> None
 
 @pytest.mark.parametrize(
     ("target", "field"),
-    [({"spp": 128}, "target.spp"), ({"seconds": 1e-3}, "target.seconds"), ({"error": 9.0}, "target.error")],
+    [
+        ({"spp": 128}, "target.spp"),
+        ({"seconds": 1e-3}, "target.seconds"),
+        ({"error": 9.0}, "target.error"),
+        ({"error": 0.01, "region": [60, 0, 9, 9]}, "target.region"),
+    ],
 )
-def test_a_target_that_is_reached_already_is_refused(
+def test_a_target_that_is_reached_already_or_out_of_reach_is_refused(
     client: httpx.Client, finished: dict[str, Any], target: dict[str, Any], field: str
 ) -> None:
     answer = step(client, finished["id"], "continue", target=target)
@@ -139,3 +144,12 @@ def test_the_reference_names_every_operation_and_needs_no_other_site(client: htt
     assert "style=" not in text
     assert "http://" not in text
     assert "https://" not in text
+
+
+def test_a_job_whose_picture_is_gone_says_that_it_has_none(server: Server, client: httpx.Client) -> None:
+    job = server.wait_ended(server.submit({"spp": 4})["id"])
+    for path in (server.data_dir / "estimates" / job["id"]).iterdir():
+        path.unlink()
+    for picture in ("image.png", "image.exr", "frames/latest", "pixel?x=1&y=1"):
+        answer = client.get(f"/api/jobs/{job['id']}/{picture}")
+        assert (answer.status_code, answer.json()["title"]) == (404, "No such picture")
