@@ -30,15 +30,6 @@ def mix(x: type_) -> type_:
     return x ^ (x >> 16)
 
 
-def reverse_bits(x: type_) -> type_:
-    """The 32 bits of x in reversed order."""
-    x = (x >> 16) | (x << 16)
-    x = ((x & 0x00FF00FF) << 8) | ((x & 0xFF00FF00) >> 8)
-    x = ((x & 0x0F0F0F0F) << 4) | ((x & 0xF0F0F0F0) >> 4)
-    x = ((x & 0x33333333) << 2) | ((x & 0xCCCCCCCC) >> 2)
-    return ((x & 0x55555555) << 1) | ((x & 0xAAAAAAAA) >> 1)
-
-
 def scramble_reversed(x: type_, seed: type_) -> type_:
     """Owen scrambling of a number whose bits are reversed: every bit flips by a hash of the bits below it."""
     x = x ^ (x * 0x3D20ADEA)  # not `^=`, which would change the caller's array
@@ -48,13 +39,13 @@ def scramble_reversed(x: type_, seed: type_) -> type_:
     return x ^ (x * 0x53A22864)
 
 
-def second_dimension(index: type_, bits: int) -> type_:
-    """Second Sobol' coordinate of index as 32 bits, most significant first; only its lowest `bits` bits may be set."""
+def second_dimension_reversed(index: type_, bits: int) -> type_:
+    """Second Sobol' coordinate of index as 32 bits, least significant first; only its lowest `bits` bits may be set."""
     result = type(index)(0)
-    direction = 1 << 31
+    direction = 1
     for bit in range(bits):
         result ^= dr.select((index & (1 << bit)) != 0, type(index)(direction), 0)
-        direction ^= direction >> 1
+        direction ^= direction << 1 & 0xFFFFFFFF
     return result
 
 
@@ -101,7 +92,7 @@ class Sequence:
             salt = index * 0xC2B2AE35
             return mi.Point2f(unit(mix(seed_x ^ salt), mi.Float), unit(mix(seed_y ^ salt), mi.Float))
         # A scrambled index visits the same first points in another order.
-        shuffled = reverse_bits(scramble_reversed(reverse_bits(mi.UInt32(index)), seed_order)) & self.mask
+        shuffled = dr.brev(scramble_reversed(dr.brev(mi.UInt32(index)), seed_order)) & self.mask
         x = scramble_reversed(shuffled, seed_x)  # the first coordinate is the index itself, reversed
-        y = scramble_reversed(reverse_bits(second_dimension(shuffled, INDEX_BITS)), seed_y)
-        return mi.Point2f(unit(reverse_bits(x), mi.Float), unit(reverse_bits(y), mi.Float))
+        y = scramble_reversed(second_dimension_reversed(shuffled, INDEX_BITS), seed_y)
+        return mi.Point2f(unit(dr.brev(x), mi.Float), unit(dr.brev(y), mi.Float))

@@ -1,10 +1,13 @@
 """`make bench`: Fredholm and Mitsuba's `path`, side by side in one run, as ratios.
 
-    python -m tests.benchmarks [SCENE …] [--all] [--width N] [--seconds S] [--json FILE] [--smoke]
+    python -m tests.benchmarks [--scenes NAME …] [--width N] [--seconds S] [--json FILE] [--smoke]
 
 Samples per second (ours with variances, theirs without) and relMSE at equal time against a converged reference, through
 one box filter. Renders take turns, both warm; the medians of several rounds are shown. The range of the error ratio
-over the rounds says how far to believe it: where fireflies decide, it is wide.
+over the rounds says how far to believe it: where fireflies decide, it is wide. Beside them: rays per second, as a share
+of what the same rays take when they are cast alone; the first picture of a new process and of a warm one; peak memory.
+All shared surface scenes and the gallery by default: about a quarter of an hour. Results are kept line by line: the
+same command again goes on where it was stopped; `--again` starts over.
 """
 
 from __future__ import annotations
@@ -21,15 +24,29 @@ from rich.table import Table
 from tests.benchmarks import scenes
 from tests.benchmarks.compare import Effort, compare
 
+RESULTS = Path(__file__).parents[1] / "output" / "bench.jsonl"
 SMOKE = Effort(width=32, seconds=0.1, rounds=1, reference_seconds=0.5, keep_reference=False)
-TABLE_WIDTH = 118
+TABLE_WIDTH = 160
 
 
 def table_of(rows: list[dict[str, Any]]) -> Table:
     """The results for people."""
     table = Table(title="Fredholm against Mitsuba `path` (ratios above 1: Fredholm is better)")
     table.add_column("scene")
-    for column in ("Msamples/s", "path", "rate ×", "relMSE", "path", "error² ×", "(range)", "path's best", "error² ×"):
+    columns = (
+        "Msamples/s",
+        "path",
+        "rate ×",
+        "Mrays/s",
+        "limit %",
+        "relMSE",
+        "path",
+        "error² ×",
+        "(range)",
+        "best",
+        "error² ×",
+    )
+    for column in (*columns, "cold s", "warm s", "MiB"):
         table.add_column(column, justify="right")
     for row in rows:
         table.add_row(
@@ -37,12 +54,17 @@ def table_of(rows: list[dict[str, Any]]) -> Table:
             f"{row['samples_per_second'] / 1e6:.2f}",
             f"{row['path_samples_per_second'] / 1e6:.2f}",
             f"{row['rate_ratio']:.2f}",
+            f"{row['rays_per_second'] / 1e6:.1f}",
+            f"{100 * row['ray_limit_share']:.0f}",
             f"{row['rel_mse']:.2e}",
             f"{next(iter(row['path_rel_mse'].values())):.2e}",
             f"{row['error_ratio']:.2f}" + ("*" if row["reference_share"] > 0.3 else ""),
             "{:.2f}–{:.2f}".format(*row["error_ratio_range"]),
             row["best_sampler"],
             f"{row['error_ratio_to_best']:.2f}",
+            f"{row['first_picture_cold']:.2f}",
+            f"{row['first_picture_warm']:.2f}",
+            f"{row['peak_bytes'] / 2**20:.0f}",
         )
     if len(rows) > 1:
         means = {key: _geometric_mean(rows, key) for key in ("rate_ratio", "error_ratio", "error_ratio_to_best")}
@@ -50,7 +72,7 @@ def table_of(rows: list[dict[str, Any]]) -> Table:
         table.add_row(
             "geometric mean",
             *("", "", f"{means['rate_ratio']:.2f}"),
-            *("", "", f"{means['error_ratio']:.2f}"),
+            *("", "", "", "", f"{means['error_ratio']:.2f}"),
             *("", "", f"{means['error_ratio_to_best']:.2f}"),
         )
     table.caption = (
@@ -65,11 +87,17 @@ def _geometric_mean(rows: list[dict[str, Any]], key: str) -> float:
     return math.exp(sum(map(math.log, positive)) / len(positive)) if positive else math.nan
 
 
+def _kept(file: Path, effort: Effort) -> dict[str, dict[str, Any]]:
+    """By scene, the newest result of an earlier run of the same effort."""
+    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.is_file() else []
+    asked = (effort.width, effort.seconds, effort.rounds)
+    return {row["scene"]: row for row in rows if (row["width"], row["seconds"], row["rounds"]) == asked}
+
+
 def main() -> None:
     """Measures and prints a table; JSON lines on request."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
-    parser.add_argument("scenes", nargs="*", help="shared scenes, gallery/NAME or paths")
-    parser.add_argument("--all", action="store_true", help="every shared surface scene and the gallery")
+    parser.add_argument("--scenes", nargs="+", default=[], help="shared scenes, gallery/NAME or paths (default: all)")
     parser.add_argument("--width", type=int, default=Effort.width, help="pixels (default %(default)s)")
     parser.add_argument("--seconds", type=float, default=Effort.seconds, help="of each render (default %(default)s)")
     parser.add_argument("--rounds", type=int, default=Effort.rounds, help="renders of each (default %(default)s)")
@@ -77,24 +105,26 @@ def main() -> None:
         "--reference-seconds", type=float, default=Effort.reference_seconds, help="(default %(default)s; cached)"
     )
     parser.add_argument("--smoke", action="store_true", help="tiny and quick: does it run at all?")
-    parser.add_argument("--json", type=Path, help="also write JSON lines to this file")
+    parser.add_argument("--json", type=Path, default=RESULTS, help="JSON lines, kept and gone on from (%(default)s)")
+    parser.add_argument("--again", action="store_true", help="measure again what the file already holds")
     asked = parser.parse_args()
     scenes.use_box_filters()
     effort = Effort(asked.width, asked.seconds, asked.rounds, asked.reference_seconds)
-    names = asked.scenes or (scenes.every_scene() if asked.all else scenes.DEFAULT)
+    names = asked.scenes or scenes.every_scene()
     if asked.smoke:
         effort, names = SMOKE, asked.scenes or scenes.SMOKE
     console = Console()
     console.width = max(console.width, TABLE_WIDTH)
+    kept = {} if asked.again else _kept(asked.json, effort)
     rows = []
-    if asked.json:
-        asked.json.write_text("")
     for name in names:
-        with console.status(f"{name} …"):
-            rows.append(compare(name, effort))
-        if asked.json:
+        if name not in kept:
+            with console.status(f"{name} …"):
+                kept[name] = compare(name, effort)
+            asked.json.parent.mkdir(parents=True, exist_ok=True)
             with asked.json.open("a") as lines:
-                lines.write(json.dumps(rows[-1]) + "\n")
+                lines.write(json.dumps(kept[name]) + "\n")
+        rows.append(kept[name])
     console.print(table_of(rows))
 
 

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import renderer
+from tests.benchmarks.first_picture import first_picture
 from tests.benchmarks.peer import SAMPLERS, Peer
-from tests.benchmarks.reference import converged
+from tests.benchmarks.ray_limit import RayCasts
+from tests.benchmarks.reference import Reference, converged
 from tests.benchmarks.scenes import load
 
 WARM_UP_SECONDS = 0.3
@@ -23,10 +25,10 @@ WARM_UP_SECONDS = 0.3
 class Effort:
     """width: of the image in pixels. seconds: of each render. reference_seconds: of the reference."""
 
-    width: int = 256
-    seconds: float = 2.0
+    width: int = 128
+    seconds: float = 1.0
     rounds: int = 3
-    reference_seconds: float = 40.0
+    reference_seconds: float = 10.0
     keep_reference: bool = True
     samplers: tuple[str, ...] = SAMPLERS
 
@@ -43,7 +45,9 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
     rates: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
     errors: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
     n = scene.width * scene.height
+    casts, cast_seconds = RayCasts(scene), []
     for turn in range(effort.rounds):
+        cast_seconds.append(casts.seconds())
         estimate, took = _ours(scene, effort.seconds, turn + 1)
         rates["fredholm"].append(estimate.samples / took)
         errors["fredholm"].append(reference.rel_mse(estimate.mean) * took)
@@ -57,6 +61,8 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
     at_equal_time = {s: statistics.median(errors[s]) for s in peers}
     turns = [a / b for a, b in zip(errors[plain], errors["fredholm"], strict=True)]
     best = min(at_equal_time, key=at_equal_time.__getitem__)
+    rate = statistics.median(rates["fredholm"])
+    share = statistics.median(r * cast for r, cast in zip(rates["fredholm"], cast_seconds, strict=True))
     return {
         "scene": name,
         "width": scene.width,
@@ -65,7 +71,12 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
         "max_depth": scene.requirements.max_depth,
         "seconds": effort.seconds,
         "rounds": effort.rounds,
-        "samples_per_second": statistics.median(rates["fredholm"]),
+        "samples_per_second": rate,
+        "rays_per_sample": casts.rays,
+        "rays_per_second": rate * casts.rays,
+        "ray_limit_share": share,
+        "curve": _curve(scene, reference, effort),
+        **first_picture(name, effort.width, effort.seconds),
         "path_samples_per_second": statistics.median(rates[plain]),
         "rate_ratio": statistics.median(a / b for a, b in zip(rates["fredholm"], rates[plain], strict=True)),
         "rel_mse": ours_at_equal_time / effort.seconds,
@@ -77,6 +88,16 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
         "best_sampler": best,
         "reference_share": reference.own_rel_mse * effort.seconds / max(ours_at_equal_time, 1e-30),
     }
+
+
+def _curve(scene: renderer.Scene, reference: Reference, effort: Effort) -> list[list[float]]:
+    """[seconds, relMSE] of one render, each point at least half as late again as the one before."""
+    settings = renderer.Settings(scene.width, scene.height, effort.rounds + 1)
+    points: list[list[float]] = []
+    for snapshot in renderer.progressive(scene, renderer.Target(seconds=effort.seconds), settings):
+        if snapshot.stopped_by or not points or snapshot.seconds >= 1.5 * points[-1][0]:
+            points.append([snapshot.seconds, reference.rel_mse(snapshot.estimate.mean)])
+    return points
 
 
 def _ours(scene: renderer.Scene, seconds: float, seed: int) -> tuple[renderer.Estimate, float]:

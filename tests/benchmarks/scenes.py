@@ -28,7 +28,6 @@ SHARED_SURFACES = (
     "caustic-ring",
     "pool",
 )
-DEFAULT = ("cornell-box", "veach-bidir")
 SMOKE = ("gallery/cornell-box", "gallery/glass-sky")
 
 

@@ -13,11 +13,18 @@ ROOT = Path(__file__).parents[2]
 
 def test_the_benchmark_runs_and_reports_every_ratio(tmp_path: Path) -> None:
     lines = tmp_path / "bench.jsonl"
-    command = [sys.executable, "-m", "tests.benchmarks", "--smoke", "gallery/cornell-box", "--json", str(lines)]
+    command = [sys.executable, "-m", "tests.benchmarks", "--smoke"]
+    command += ["--scenes", "gallery/cornell-box", "--json", str(lines)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert "geometric" not in done.stdout  # one scene: nothing to average
     (row,) = map(json.loads, lines.read_text().splitlines())
     for key in ("samples_per_second", "path_samples_per_second", "rate_ratio", "error_ratio"):
         assert math.isfinite(row[key])
-    assert row["rate_ratio"] > 0
+    for key in ("rate_ratio", "rays_per_second", "ray_limit_share", "peak_bytes", "first_picture_cold"):
+        assert row[key] > 0
+    assert row["rays_per_sample"] > 2  # each camera path of a closed box has a camera ray, a shadow ray, and goes on
+    assert row["curve"][-1][0] >= row["curve"][0][0] > 0
+    again = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert again.returncode == 0, again.stderr
+    assert len(lines.read_text().splitlines()) == 1  # what is there is not measured again

@@ -1,0 +1,115 @@
+"""How fast a scene's rays could be cast if nothing else had to be done.
+
+Paths are walked by the rules of the kernel, one vertex at a time, and their rays are kept. Then the same rays are cast
+alone, by pure `ray_intersect` and `ray_test`: a kernel that spends no time on anything else would take that long.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+import renderer
+from renderer.backend import mitsuba, using
+from renderer.equation import roulette
+
+mi: Any = mitsuba()
+PATHS = 2**18
+MOST_VERTICES = 64  # paths of more are rare, and then few rays are left
+
+
+class RayCasts:
+    """The rays of PATHS camera paths. rays: per camera path, shadow rays included."""
+
+    def __init__(self, scene: renderer.Scene) -> None:
+        self.scene = scene
+        with using(scene.variant), dr.suspend_grad():
+            self.found, self.shadows = _rays(scene)
+            self.rays = sum(dr.width(ray.o) for ray in self.found + self.shadows) / PATHS
+            self.seconds()  # compiles
+
+    def seconds(self) -> float:
+        """That the rays of one camera path take when cast alone."""
+        with using(self.scene.variant):
+            return _cast(self.scene.mitsuba_scene, self.found, self.shadows) / PATHS
+
+
+def _cast(scene: Any, found: list[Any], shadows: list[Any]) -> float:
+    dr.sync_thread()
+    began = time.perf_counter()
+    sums = []
+    for ray in found:
+        si = scene.ray_intersect(ray)
+        # All of the interaction is wanted, as the kernel wants it.
+        sums.append(dr.sum(dr.select(si.is_valid(), si.t + si.n.x + si.sh_frame.n.x + si.uv.x + si.wi.z, 0)))
+    sums += [dr.sum(mi.Float(scene.ray_test(ray))) for ray in shadows]
+    dr.eval(sums)
+    dr.sync_thread()
+    return time.perf_counter() - began
+
+
+def _rays(scene: renderer.Scene) -> tuple[list[Any], list[Any]]:
+    """Rays to the next vertex, and shadow rays, of PATHS camera paths: one array for each depth."""
+    settings = scene.resolved(renderer.Settings(width=scene.width, height=scene.height), 16)
+    kernel, model = scene.kernel(settings), scene.model(settings)
+    rng = mi.PCG32(PATHS)
+
+    def pair() -> Any:
+        return mi.Point2f(rng.next_float32(), rng.next_float32())
+
+    # A grid of pixels in their order: what is neighbours in memory is neighbours on the film, as in a pass.
+    side = int(np.sqrt(PATHS))
+    index = dr.arange(mi.UInt32, PATHS)
+    position = mi.Point2f(mi.Float(index % side), mi.Float(index // side)) + pair()
+    ray, throughput = kernel.sensor.sample_ray(kernel.shutter_open, rng.next_float32(), position / side, pair(), True)
+    throughput, eta = mi.Spectrum(throughput), mi.Float(1)
+    limit = model.max_depth if model.max_depth >= 0 else MOST_VERTICES
+    found, shadows = [], []
+    for depth in range(limit):
+        found.append(mi.Ray3f(ray))
+        si = scene.mitsuba_scene.ray_intersect(ray)
+        bsdf = si.bsdf()
+        active = si.is_valid() & dr.opaque(mi.Bool, depth + 1 < limit)
+        if kernel.samples_emitters:
+            is_smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+            place = mi.UInt32(0)
+            if kernel.emitters.knows_places:
+                facing = dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n)
+                place = kernel.emitters.place(si.p, facing, is_smooth)
+            ds, weight = kernel.emitters.sample(si, pair(), is_smooth, place)
+            value = bsdf.eval(mi.BSDFContext(), si, si.to_local(ds.d), is_smooth)
+            matters = is_smooth & (ds.pdf != 0) & dr.any(value * weight != 0)
+            shadows.append(_only(si.spawn_ray_to(ds.p), matters))
+        bs, weight = bsdf.sample(mi.BSDFContext(), si, rng.next_float32(), pair(), active)
+        throughput, eta = throughput * weight, eta * bs.eta
+        active &= dr.any(throughput != 0)
+        u = rng.next_float32()
+        if model.has_roulette and depth + 1 >= model.rr_depth:
+            survival = roulette.survival_probability(throughput, eta, mi.Bool(model.max_depth >= 0))
+            active &= u < survival
+            throughput = throughput / survival
+        following = si.spawn_ray(si.to_world(bs.wo))
+        kept: Any = dr.compress(active)
+        if dr.width(kept) == 0:
+            break
+        ray = _gathered(following, kept)
+        throughput, eta = dr.gather(mi.Spectrum, throughput, kept), dr.gather(mi.Float, eta, kept)
+        rng = mi.PCG32(dr.width(kept), initstate=dr.opaque(mi.UInt64, depth + 1))
+    return found, [ray for ray in shadows if dr.width(ray.o) > 0]
+
+
+def _only(ray: Any, active: Any) -> Any:
+    return _gathered(ray, dr.compress(active))
+
+
+def _gathered(ray: Any, index: Any) -> Any:
+    parts = dr.gather(mi.Point3f, ray.o, index), dr.gather(mi.Vector3f, ray.d, index)
+    n = dr.width(ray.o)
+    maxt, time_, wavelengths = (x + dr.zeros(type(x), n) for x in (ray.maxt, ray.time, ray.wavelengths))
+    chosen = mi.Ray3f(*parts, dr.gather(mi.Float, time_, index), dr.gather(type(wavelengths), wavelengths, index))
+    chosen.maxt = dr.gather(mi.Float, maxt, index)
+    dr.eval(chosen)
+    return chosen
