@@ -98,7 +98,7 @@ def test_rough_surface_shows_its_albedo(name: str, alpha: float, technique: str,
         bsdf = ROUGH[name] | {"alpha": alpha}
         exact = albedo(bsdf, degrees)
         found, error, _ = seen(bsdf, degrees, technique, seed)
-        # 1e-3: the quadrature, and Mitsuba's tabulated plastic. Its Beckmann lobe inverts the slopes' distribution by an
+        # 1e-3: the quadrature, and Mitsuba's tabulated plastic. Its Beckmann lobe inverts the slopes by an
         # approximation: at 75° and alpha 0.4 its own draws, without any renderer, weigh 0.9009 ± 0.0001 in the mean.
         slack = 3e-3 if name == "beckmann metal" else 1e-3
         assert abs(found - exact) < z_limit(72) * error + slack * exact, f"{found} ± {error:.1g}, exact {exact:.5f}"
