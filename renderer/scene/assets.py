@@ -5,6 +5,8 @@ Enters: parsed nodes. Leaves: `Assets`, what each node's file holds, with totals
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +17,7 @@ from renderer.errors import SceneError
 from renderer.scene.files.mesh import MeshFacts, read_mesh
 from renderer.scene.files.picture import PictureFacts, read_grid, read_picture
 from renderer.scene.limits import MEBIBYTE, SceneLimits
-from renderer.scene.vet.nodes import number, properties
+from renderer.scene.vet.nodes import value_of
 
 MESHES = ("ply", "obj", "serialized")
 PICTURES = ("bitmap", "envmap")
@@ -28,10 +30,12 @@ TRIANGLE_BYTES, VERTEX_BYTES = 110, 32
 class Assets:
     """What the files hold, by the index of the node that names them.
 
-    paths: file of each such node. memory_bytes: estimate for the scene once loaded.
+    paths: file of each such node. digests: SHA-256 of those that were read on the way. memory_bytes: estimate for the
+    scene once loaded.
     """
 
     paths: dict[int, Path] = field(default_factory=dict)
+    digests: dict[int, bytes] = field(default_factory=dict)
     meshes: dict[int, MeshFacts] = field(default_factory=dict)
     pictures: dict[int, PictureFacts] = field(default_factory=dict)
     triangles: int = 0
@@ -39,33 +43,42 @@ class Assets:
     memory_bytes: int = 0
 
 
-def look(state: Any, resolve: Callable[[str], Path], limits: SceneLimits, place: Any, *, exact: bool) -> Assets:
-    """Looks at every file that the nodes name. resolve: name → path; place: node → "file:line".
+def look(state: Any, resolve: Callable[[str], str], limits: SceneLimits, place: Any, *, exact: bool) -> Assets:
+    """Looks at every file that the nodes name. resolve: name → its path; place: node → "file:line".
 
     exact: see `read_mesh`. Raises SceneError for files that are missing, damaged or too large.
     """
     mi = mitsuba()
     paths: dict[int, Path] = {}
+    digests: dict[int, bytes] = {}
+    read: dict[str, bytes] = {}  # digests by path
     meshes: dict[int, MeshFacts] = {}
     pictures: dict[int, PictureFacts] = {}
-    seen: dict[tuple[Path, int], Any] = {}
+    seen: dict[tuple[str, int], Any] = {}
     triangles = texture_pixels = memory = 0
+    skipped = (mi.ObjectType.Integrator, mi.ObjectType.Sampler, mi.ObjectType.Film)
     for index, node in enumerate(state.nodes):
-        if node.type in (mi.ObjectType.Integrator, mi.ObjectType.Sampler, mi.ObjectType.Film):
+        name = value_of(node, "filename")
+        if not isinstance(name, str) or node.type in skipped:
             continue
-        values = dict(properties(node))
-        plugin, name = node.props.plugin_name(), values.get("filename")
-        if not isinstance(name, str):
-            continue
-        path = paths[index] = resolve(name)
-        if not _is_file(path):
+        plugin = node.props.plugin_name()
+        found = resolve(name)
+        path = paths[index] = Path(found)
+        if not _is_file(found):
             what = "is a folder" if path.is_dir() else "is missing"
             raise SceneError(f"{place(node)}: {name[:200]!r} {what}; put that file beside the scene")
-        key = (path, int(number(values, "shape_index", 0)))
+        asked = value_of(node, "shape_index", 0)
+        key = (found, asked if isinstance(asked, int) else 0)
         try:
             if plugin in MESHES:
-                mesh = seen[key] = seen.get(key) or read_mesh(path, plugin, key[1], exact=exact)
-                meshes[index] = mesh
+                mesh = seen.get(key)
+                if mesh is None:
+                    with open(found, "rb") as file:
+                        data = file.read()
+                    mesh = seen[key] = read_mesh(data, path.name, plugin, key[1], exact=exact)
+                    if found not in read:
+                        read[found] = hashlib.sha256(data).digest()
+                meshes[index], digests[index] = mesh, read[found]
                 triangles += mesh.triangles
                 memory += mesh.triangles * TRIANGLE_BYTES + mesh.vertices * VERTEX_BYTES
             elif plugin in PICTURES:
@@ -90,12 +103,12 @@ def look(state: Any, resolve: Callable[[str], Path], limits: SceneLimits, place:
                 f"{place(node)}: the scene would take more than {memory // MEBIBYTE} MiB of memory, and the limit is "
                 f"{limits.memory_bytes // MEBIBYTE} MiB; use smaller pictures, fewer triangles or instances"
             )
-    return Assets(paths, meshes, pictures, triangles, texture_pixels, memory)
+    return Assets(paths, digests, meshes, pictures, triangles, texture_pixels, memory)
 
 
-def _is_file(path: Path) -> bool:
+def _is_file(path: str) -> bool:
     try:
-        return path.is_file()
+        return os.path.isfile(path)
     except (OSError, ValueError):  # names that no file can have
         return False
 

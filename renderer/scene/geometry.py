@@ -6,6 +6,7 @@ transformed, so that a box may be larger than its shape, never smaller.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
 from renderer.scene.assets import Assets
-from renderer.scene.vet.nodes import number, properties, vector
+from renderer.scene.vet.nodes import number, properties, value_of, vector
 
 Box = tuple[NDArray[np.float64], NDArray[np.float64]]  # low and high corner
 _UNIT = (np.full(3, -1.0), np.ones(3))
@@ -47,24 +48,35 @@ def placed_shapes(state: Any, assets: Assets) -> list[Placed]:
     for _, index in children(state, state.root):
         node = state.nodes[index]
         if node.type == mi.ObjectType.Shape and node.props.plugin_name() != "shapegroup":
-            found.append(_place(state, index, assets))
-    return found
+            found.append(index)
+    return _place(state, found, assets)
 
 
-def _place(state: Any, index: int, assets: Assets) -> Placed:
-    node = state.nodes[index]
-    plugin = node.props.plugin_name()
-    values = dict(properties(node))
-    to_world = matrix_of(values.get("to_world"))
-    box = _local_box(state, index, plugin, values, assets)
-    return Placed(index, plugin, None if box is None else transformed(box, to_world), to_world)
+def _place(state: Any, indices: list[int], assets: Assets) -> list[Placed]:
+    """All of them at once: a scene may have a hundred thousand shapes."""
+    plugins, locals_, matrices = [], [], np.empty((len(indices), 4, 4))
+    for row, index in enumerate(indices):
+        node = state.nodes[index]
+        plugins.append(node.props.plugin_name())
+        matrices[row] = matrix_of(value_of(node, "to_world"))
+        locals_.append(_local_box(state, index, plugins[row], assets))
+    known = [row for row, box in enumerate(locals_) if box is not None]
+    boxes: list[Box | None] = [None] * len(indices)
+    if known:
+        low, high = transformed(np.array([locals_[row] for row in known], dtype=np.float64), matrices[known])
+        for at, row in enumerate(known):
+            boxes[row] = low[at], high[at]
+    return [Placed(*placed) for placed in zip(indices, plugins, boxes, matrices, strict=True)]
 
 
-def _local_box(state: Any, index: int, plugin: str, values: dict[str, Any], assets: Assets) -> Box | None:
+def _local_box(state: Any, index: int, plugin: str, assets: Assets) -> Box | None:
+    if mesh := assets.meshes.get(index):
+        return None if mesh.low is None or mesh.high is None else (np.array(mesh.low), np.array(mesh.high))
     if plugin in ("rectangle", "disk"):
         return _FLAT
     if plugin == "cube":
         return _UNIT
+    values = dict(properties(state.nodes[index]))
     if plugin == "sphere":
         centre = vector(values, "center", (0.0, 0.0, 0.0))
         radius = abs(number(values, "radius", 1.0))
@@ -75,8 +87,6 @@ def _local_box(state: Any, index: int, plugin: str, values: dict[str, Any], asse
         return ends.min(axis=0) - radius, ends.max(axis=0) + radius
     if plugin == "sdfgrid":
         return np.zeros(3), np.ones(3)
-    if mesh := assets.meshes.get(index):
-        return None if mesh.low is None else (np.array(mesh.low), np.array(mesh.high))
     if plugin == "instance":
         return _group_box(state, index, assets)
     return None
@@ -86,8 +96,8 @@ def _group_box(state: Any, index: int, assets: Assets) -> Box | None:
     """Box of the group that an instance places, in the group's coordinates."""
     for _, group in children(state, state.nodes[index]):
         if state.nodes[group].props.plugin_name() == "shapegroup":
-            inner = [_place(state, i, assets).box for _, i in children(state, state.nodes[group])]
-            known = [box for box in inner if box is not None]
+            inner = [i for _, i in children(state, state.nodes[group])]
+            known = [placed.box for placed in _place(state, inner, assets) if placed.box is not None]
             return union(known) if known else None
     return None
 
@@ -97,15 +107,14 @@ def matrix_of(transform: Any) -> NDArray[np.float64]:
     return np.array(transform.matrix, dtype=np.float64) if hasattr(transform, "matrix") else np.eye(4)
 
 
-def transformed(box: Box, matrix: NDArray[np.float64]) -> Box:
-    """Box around a transformed box."""
-    low, high = box
-    corners = np.array(
-        [[x, y, z, 1.0] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
-    moved = corners @ matrix.T
-    moved = moved[:, :3] / moved[:, 3:]
-    return moved.min(axis=0), moved.max(axis=0)
+def transformed(boxes: NDArray[np.float64], matrices: NDArray[np.float64]) -> Box:
+    """Boxes around transformed boxes. boxes: (n, 2, 3); matrices: (n, 4, 4). Returns low and high corners, (n, 3)."""
+    at = np.array(list(itertools.product((0, 1), repeat=3)))
+    corners = np.ones((len(boxes), 8, 4))
+    corners[..., :3] = boxes[:, at, [0, 1, 2]]
+    moved = np.einsum("nck,nik->nci", corners, matrices)
+    points = moved[..., :3] / moved[..., 3:]
+    return points.min(axis=1), points.max(axis=1)
 
 
 def union(boxes: list[Box]) -> Box:

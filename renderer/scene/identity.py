@@ -6,6 +6,7 @@ import hashlib
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
 from renderer.scene.assets import Assets
@@ -19,15 +20,18 @@ def digest_of(state: Any, assets: Assets) -> str:
     h = hashlib.sha256()
     mi = mitsuba()
     hashed: dict[Any, bytes] = {}
+    not_pictured, film = (mi.ObjectType.Integrator, mi.ObjectType.Sampler), mi.ObjectType.Film
     for index, node in enumerate(state.nodes):
-        if node.type in (mi.ObjectType.Integrator, mi.ObjectType.Sampler):
+        if node.type in not_pictured:
             continue
         h.update(f"\n{node.type}:{node.props.plugin_name()}".encode())
         for key, value in properties(node):
-            if node.type == mi.ObjectType.Film and key in _NOT_OF_THE_FILM:
+            if node.type == film and key in _NOT_OF_THE_FILM:
                 continue
             h.update(f"\n {key}={_fingerprint(value)}".encode())
-        if path := assets.paths.get(index):
+        if found := assets.digests.get(index):
+            h.update(found)
+        elif path := assets.paths.get(index):
             if path not in hashed:
                 with open(path, "rb") as contents:
                     hashed[path] = hashlib.file_digest(contents, "sha256").digest()
@@ -39,9 +43,9 @@ def _fingerprint(value: Any) -> str:
     """Text that changes when a property's value does."""
     if isinstance(value, (bool, int, float, str)):
         return repr(value)
-    mi = mitsuba()
     if "Transform" in type(value).__name__:
-        value = np.array(value.matrix)  # its text has six digits only
+        return _array_text(np.array(value.matrix))  # its text has six digits only
+    mi = mitsuba()
     if isinstance(value, mi.Object) and not isinstance(value, mi.Bitmap):
         parameters = mi.traverse(value)
         parts = [f"{k}:{_fingerprint(parameters[k])}" for k in sorted(parameters.keys())]
@@ -51,5 +55,9 @@ def _fingerprint(value: Any) -> str:
     except (TypeError, ValueError, RuntimeError):
         array = None
     if array is not None and array.dtype != object and array.size:
-        return f"{array.dtype}{array.shape}{hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()}"
+        return _array_text(array)
     return str(value)
+
+
+def _array_text(array: NDArray[Any]) -> str:
+    return f"{array.dtype}{array.shape}{hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()}"

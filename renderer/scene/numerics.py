@@ -57,8 +57,7 @@ def _small_lights(parsed: Parsed, shapes: list[Placed], size: float) -> list[str
     for shape in shapes:
         if shape.box is None or not size or not emits(parsed.state, shape.index):
             continue
-        extent = np.sort(shape.box[1] - shape.box[0])
-        if extent[1] < TINY_LIGHT * size:
+        if sorted((shape.box[1] - shape.box[0]).tolist())[1] < TINY_LIGHT * size:
             tiny.append(shape)
     if tiny:
         place = parsed.place(parsed.state.nodes[tiny[0].index])

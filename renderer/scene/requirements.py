@@ -15,7 +15,7 @@ from renderer.errors import SceneError, UnsupportedScene
 from renderer.scene import features
 from renderer.scene.colour import coloured_by
 from renderer.scene.depth import depth_advice
-from renderer.scene.geometry import Placed, bounds, placed_shapes
+from renderer.scene.geometry import Placed, bounds
 from renderer.scene.numerics import numerical_warnings
 from renderer.scene.source import Parsed
 from renderer.scene.vet.nodes import number, properties
@@ -115,7 +115,7 @@ def measure(parsed: Parsed) -> Requirements:
     if not kinds.get(mi.ObjectType.Sensor):
         raise SceneError(f'{parsed.name}: the scene has no sensor; add one, for example <sensor type="perspective"/>')
     count = {kind: dict(found) for kind, found in kinds.items()}
-    shapes = placed_shapes(state, parsed.assets)
+    shapes = parsed.shapes
     box = bounds(shapes)
     found = features.of(state)
     own = sum(_MESHES.get(shape.plugin, 0) for shape in shapes)

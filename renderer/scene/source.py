@@ -7,10 +7,12 @@ identity). Nothing is instantiated here.
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +21,7 @@ from renderer.errors import SceneError
 from renderer.scene import gallery
 from renderer.scene.assets import Assets, look
 from renderer.scene.bundle import LOCAL_LIMITS, BundleError, unpack
+from renderer.scene.geometry import Placed, placed_shapes
 from renderer.scene.identity import digest_of
 from renderer.scene.limits import SceneLimits
 from renderer.scene.messages import has_place, place_of, plain
@@ -33,8 +36,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Parsed:
-    """A parsed scene: Mitsuba's parser state, a name to show, a digest, the folders that its files are in, and what
-    those files hold. keep: what must live as long as the scene is loaded from its files.
+    """A parsed scene: Mitsuba's parser state, a name to show, a digest, the folders that its files are in, what those
+    files hold, and where its shapes lie. keep: what must live as long as the scene is loaded from its files.
     """
 
     state: Any
@@ -42,6 +45,7 @@ class Parsed:
     digest: str
     folders: tuple[str, ...]
     assets: Assets
+    shapes: list[Placed]
     keep: Any = field(default=None, repr=False)
 
     def place(self, node: Any) -> str:
@@ -62,6 +66,12 @@ def _file_resolver(paths: tuple[str, ...]) -> Iterator[Any]:
         resolver.clear()
         for path in before:
             resolver.append(path)
+
+
+def _resolved(resolver: Any, name: str) -> str:
+    """The path that Mitsuba would take for a file name: that in the first folder that has it, else the name itself."""
+    near = os.path.join(str(resolver[0]), name) if len(resolver) else name
+    return near if os.path.exists(near) else str(resolver.resolve(name))
 
 
 def parse(source: str | Path | dict[str, Any], limits: SceneLimits | None = None, *, exact: bool = False) -> Parsed:
@@ -86,8 +96,9 @@ def parse(source: str | Path | dict[str, Any], limits: SceneLimits | None = None
         check_nodes(state, Path(opened.folders[0]) if opened.folders else None, limits, place)
         guarded(lambda: mi.parser.transform_upgrade(config, state), opened.name, folders)
         guarded(lambda: mi.parser.transform_resolve(config, state), opened.name, folders)
-        assets = look(state, lambda name: Path(str(resolver.resolve(name))), limits, place, exact=exact)
-        return Parsed(state, opened.name, digest_of(state, assets), folders, assets, opened.keep)
+        assets = look(state, partial(_resolved, resolver), limits, place, exact=exact)
+        shapes = placed_shapes(state, assets)
+        return Parsed(state, opened.name, digest_of(state, assets), folders, assets, shapes, opened.keep)
 
 
 @dataclass(frozen=True, slots=True)

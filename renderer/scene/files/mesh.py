@@ -1,17 +1,18 @@
 """Mesh files: triangles, vertices and bounds, without building anything.
 
-Enters: a .ply, .obj or .serialized file. Leaves: `MeshFacts`. A header that promises more than the file can hold is
-refused: believing it would take the memory first and find out later.
+Enters: the bytes of a .ply, .obj or .serialized file. Leaves: `MeshFacts`. A header that promises more than the file
+can hold is refused: believing it would take the memory first and find out later.
 Formats: Turk 1994 (PLY), Wavefront OBJ, Mitsuba's own serialized format.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 import zlib
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -30,8 +31,9 @@ _PLY_TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 _MAX_HEADER = 1 << 16
-_SAMPLED_FROM = 1 << 17  # bytes of text
-_SAMPLED_LINES = 512
+_HEADER_END = re.compile(rb"end_header\r?\n")
+_SAMPLED_FROM = 1 << 15  # bytes of text
+_SAMPLED_LINES = 128
 _SERIALIZED_MAGIC = 0x041C
 _DOUBLES = 0x2000
 _INFLATE_RATIO = 1032  # the most that zlib can pack
@@ -47,81 +49,102 @@ class MeshFacts:
     high: tuple[float, float, float] | None = None
 
 
-def read_mesh(path: Path, kind: str, shape_index: int = 0, *, exact: bool = True) -> MeshFacts:
-    """Facts of a mesh file. kind: ply, obj or serialized. exact: read all of a long OBJ file, not a part of it.
-
-    Raises SceneError if the file is damaged.
+def read_mesh(data: bytes, name: str, kind: str, shape_index: int = 0, *, exact: bool = True) -> MeshFacts:
+    """Facts of a mesh file. data, name: its content and what it is called. kind: ply, obj or serialized. exact: read
+    all of a long OBJ file, not a part of it. Raises SceneError if the file is damaged.
     """
     try:
         if kind == "ply":
-            return _read_ply(path)
+            return _read_ply(data)
         if kind == "obj":
-            return _read_obj(path, exact)
-        return _read_serialized(path, shape_index)
+            return _read_obj(data, exact)
+        return _read_serialized(data, shape_index)
     except (ValueError, IndexError, KeyError, OverflowError, struct.error, zlib.error, UnicodeDecodeError) as error:
-        raise SceneError(f"{path.name}: damaged {kind} file ({str(error)[:120]}); export it again") from None
+        raise SceneError(f"{name}: damaged {kind} file ({str(error)[:120]}); export it again") from None
 
 
 def _facts(triangles: int, positions: NDArray[Any]) -> MeshFacts:
+    """positions: (n, 3)."""
     if len(positions) == 0:
         return MeshFacts(triangles, 0)
     if positions.ndim != 2 or positions.shape[1] != 3:
         raise ValueError("a vertex is not three numbers")
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+    low, high = positions.min(axis=0).tolist(), positions.max(axis=0).tolist()
+    if not all(map(math.isfinite, (*low, *high))):
         raise ValueError("some vertices are not finite")
-    as_floats = [tuple(float(x) for x in corner) for corner in (low, high)]
-    return MeshFacts(triangles, len(positions), as_floats[0], as_floats[1])  # type: ignore[arg-type]
+    return MeshFacts(triangles, len(positions), tuple(low), tuple(high))
 
 
 # ------------------------------ PLY ------------------------------
 
 
-def _read_ply(path: Path) -> MeshFacts:
-    data = memoryview(path.read_bytes())
-    start = bytes(data[:_MAX_HEADER])
-    end = re.search(rb"end_header\r?\n", start)
-    if not start.startswith(b"ply") or end is None:
+@dataclass(frozen=True, slots=True)
+class _PlyLayout:
+    """What a PLY header says. row: of a vertex, None in text. face: of a triangle where faces are the last element and
+    hold nothing but their vertices, else None. where: columns of x, y and z.
+    """
+
+    n: int
+    n_faces: int
+    n_columns: int
+    where: list[int]
+    row: np.dtype[Any] | None
+    face: np.dtype[Any] | None
+
+
+def _read_ply(data: bytes) -> MeshFacts:
+    end = _HEADER_END.search(data, 0, _MAX_HEADER)
+    if not data.startswith(b"ply") or end is None:
         raise ValueError("no PLY header")
-    text = start[: end.start()].decode("ascii")
-    encoding, elements = _ply_header(text)
-    counts = {name: count for name, count, _ in elements}
-    if next((name for name, _, _ in elements), "") != "vertex":
-        raise ValueError("vertices must come first")
-    _, n, columns = elements[0]
-    names = [name for name, _ in columns]
+    layout = _ply_layout(data[: end.start()])
+    n, start = layout.n, end.end()
     if n == 0:
-        return MeshFacts(counts.get("face", 0), 0)
-    where = [names.index(axis) for axis in "xyz"]
-    body = data[end.end() :]
-    if encoding == "ascii":
-        positions = _ascii_rows(bytes(body), n, len(names))[:, where]
+        return MeshFacts(layout.n_faces, 0)
+    if layout.row is None:
+        positions = _ascii_rows(data[start:], n, layout.n_columns)[:, layout.where]
     else:
-        order = {"binary_little_endian": "<", "binary_big_endian": ">"}[encoding]
-        row = np.dtype([(f"{i}", order + _PLY_TYPES[kind]) for i, (_, kind) in enumerate(columns)])
-        if n * row.itemsize + counts.get("face", 0) > len(body):
+        if n * layout.row.itemsize + layout.n_faces > len(data) - start:
             raise ValueError(f"the header promises {n} vertices, more than the file holds")
-        rows = np.frombuffer(body, row, n)
-        positions = np.stack([rows[f"{i}"] for i in where], axis=1).astype(np.float64)
-        _check_faces(body[n * row.itemsize :], text, counts.get("face", 0), n, order)
-    return _facts(counts.get("face", 0), positions)
+        rows = np.frombuffer(data, layout.row, n, start)
+        positions = np.stack([rows[f"{i}"] for i in layout.where], axis=1)
+        _check_faces(data, start + n * layout.row.itemsize, layout)
+    return _facts(layout.n_faces, positions)
 
 
-def _check_faces(body: memoryview, header: str, n_faces: int, n_vertices: int, order: str) -> None:
+def _check_faces(data: bytes, start: int, layout: _PlyLayout) -> None:
     """Refuses triangles of vertices that are not there: Mitsuba reads beyond its memory for them.
 
     Looked at in the usual layout, faces of three indices and nothing else behind the vertices.
     """
-    lists = re.findall(r"property list (\w+) (\w+) \w+\s*$", header, re.MULTILINE)
-    if len(lists) != 1 or header.count("element") != 2 or n_faces == 0:
+    if layout.face is None or layout.n_faces == 0:
         return
-    count, index = (_PLY_TYPES[kind] for kind in lists[0])
-    face = np.dtype([("n", order + count), ("v", order + index, 3)])
-    if n_faces * face.itemsize > len(body):
-        raise ValueError(f"the header promises {n_faces} faces, more than the file holds")
-    faces = np.frombuffer(body, face, n_faces)
-    if (faces["n"] == 3).all() and (faces["v"].max() >= n_vertices or faces["v"].min() < 0):
-        raise ValueError(f"a face names vertex {faces['v'].max()} of {n_vertices}")
+    if layout.n_faces * layout.face.itemsize > len(data) - start:
+        raise ValueError(f"the header promises {layout.n_faces} faces, more than the file holds")
+    faces = np.frombuffer(data, layout.face, layout.n_faces, start)
+    if (faces["n"] == 3).all() and (faces["v"].max() >= layout.n or faces["v"].min() < 0):
+        raise ValueError(f"a face names vertex {faces['v'].max()} of {layout.n}")
+
+
+@lru_cache(maxsize=256)  # many small meshes have the same header
+def _ply_layout(header: bytes) -> _PlyLayout:
+    text = header.decode("ascii")
+    encoding, elements = _ply_header(text)
+    n_faces = {name: count for name, count, _ in elements}.get("face", 0)
+    if next((name for name, _, _ in elements), "") != "vertex":
+        raise ValueError("vertices must come first")
+    _, n, columns = elements[0]
+    names = [name for name, _ in columns]
+    where = [names.index(axis) for axis in "xyz"] if n else []
+    if encoding == "ascii":
+        return _PlyLayout(n, n_faces, len(names), where, None, None)
+    order = {"binary_little_endian": "<", "binary_big_endian": ">"}[encoding]
+    row = np.dtype([(f"{i}", order + _PLY_TYPES[kind]) for i, (_, kind) in enumerate(columns)])
+    lists = re.findall(r"property list (\w+) (\w+) \w+\s*$", text, re.MULTILINE)
+    face = None
+    if len(lists) == 1 and text.count("element") == 2:
+        count, index = (_PLY_TYPES[kind] for kind in lists[0])
+        face = np.dtype([("n", order + count), ("v", order + index, 3)])
+    return _PlyLayout(n, n_faces, len(names), where, row, face)
 
 
 def _ply_header(text: str) -> tuple[str, list[tuple[str, int, list[tuple[str, str]]]]]:
@@ -153,14 +176,14 @@ def _ascii_rows(body: bytes, n: int, n_columns: int) -> NDArray[np.float64]:
     words = body.split(None, n * n_columns)[: n * n_columns]
     if len(words) < n * n_columns:
         raise ValueError(f"the header promises {n} vertices, more than the file holds")
-    return np.array(words, dtype=np.float64).reshape(n, n_columns)
+    return np.fromiter(map(float, words), np.float64, n * n_columns).reshape(n, n_columns)
 
 
 # ------------------------------ OBJ ------------------------------
 
 
-def _read_obj(path: Path, exact: bool) -> MeshFacts:
-    data = b"\n" + path.read_bytes().replace(b"\t", b" ")
+def _read_obj(data: bytes, exact: bool) -> MeshFacts:
+    data = b"\n" + (data.replace(b"\t", b" ") if b"\t" in data else data)
     if exact or len(data) < _SAMPLED_FROM:
         lines = data.split(b"\n")
         vertices = [line[2:] for line in lines if line[:2] == b"v "]
@@ -198,8 +221,7 @@ def _some_lines(data: bytes, start: bytes) -> list[bytes]:
 # ------------------------------ Serialized ------------------------------
 
 
-def _read_serialized(path: Path, shape_index: int) -> MeshFacts:
-    data = path.read_bytes()
+def _read_serialized(data: bytes, shape_index: int) -> MeshFacts:
     magic, version = struct.unpack_from("<HH", data, 0)
     if magic != _SERIALIZED_MAGIC or version not in (3, 4):
         raise ValueError("no serialized mesh")

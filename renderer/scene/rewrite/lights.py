@@ -11,7 +11,7 @@ import numpy as np
 
 from renderer.backend import mitsuba
 from renderer.errors import SceneError
-from renderer.scene.geometry import Placed, children, placed_shapes
+from renderer.scene.geometry import Placed, children
 from renderer.scene.rewrite.emission import is_zero
 from renderer.scene.source import Parsed
 from renderer.scene.vet.nodes import number, properties, vector
@@ -36,7 +36,7 @@ def without_flat_shapes(state: Any, parsed: Parsed) -> tuple[Any, list[str]]:
     """A copy without shapes of zero area, and a note on each. Raises SceneError if one of them is a light."""
     mi = mitsuba()
     made = mi.parser.ParserState(state)
-    flat = {shape.index for shape in placed_shapes(made, parsed.assets) if has_no_area(made, shape)}
+    flat = {shape.index for shape in parsed.shapes if has_no_area(made, shape)}
     for index in sorted(flat):
         node = made.nodes[index]
         if any(made.nodes[inner].type == mi.ObjectType.Emitter for _, inner in children(made, node)):
@@ -52,18 +52,18 @@ def without_flat_shapes(state: Any, parsed: Parsed) -> tuple[Any, list[str]]:
 
 def has_no_area(state: Any, shape: Placed) -> bool:
     """Whether one of Mitsuba's own shapes has shrunk to a line or a point. Meshes are told by their faces."""
-    values = dict(properties(state.nodes[shape.index]))
     linear = shape.to_world[:3, :3]
     if shape.plugin in ("rectangle", "disk"):
         return not np.any(np.cross(linear[:, 0], linear[:, 1]))
     if shape.plugin == "cube":
         return int(np.linalg.matrix_rank(linear)) < 2
+    if shape.plugin not in ("sphere", "cylinder"):
+        return False
+    values = dict(properties(state.nodes[shape.index]))
     if shape.plugin == "sphere":
         return number(values, "radius", 1.0) == 0 or not np.any(linear)
-    if shape.plugin == "cylinder":
-        axis = vector(values, "p1", (0, 0, 1)) - vector(values, "p0", (0, 0, 0))
-        return number(values, "radius", 1.0) == 0 or not np.any(axis) or not np.any(linear)
-    return False
+    axis = vector(values, "p1", (0, 0, 1)) - vector(values, "p0", (0, 0, 0))
+    return number(values, "radius", 1.0) == 0 or not np.any(axis) or not np.any(linear)
 
 
 def _is_dark(state: Any, node: Any) -> bool:

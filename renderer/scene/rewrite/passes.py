@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from renderer.errors import SceneError, SettingsError
-from renderer.scene.geometry import bounds, placed_shapes
+from renderer.scene.geometry import bounds, children
 from renderer.scene.requirements import Requirements
 from renderer.scene.rewrite.emission import Unscalable
 from renderer.scene.rewrite.faces import without_flat_faces
@@ -81,7 +81,8 @@ def after_loading(scene: Any, rewrites: Collection[str], name: str) -> tuple[str
 
 def _placed(state: Any, parsed: Parsed) -> tuple[Any, Similarity, list[str]]:
     """The scene under the similarity that suits it, or as much of that as its plugins allow."""
-    wanted = choose(bounds(placed_shapes(state, parsed.assets)))
+    kept = {index for _, index in children(state, state.root)}
+    wanted = choose(bounds([shape for shape in parsed.shapes if shape.index in kept]))
     notes = []
     for tried in (wanted, Similarity(1.0, wanted.centre), Similarity()):
         try:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from renderer.backend import mitsuba
 from renderer.scene.geometry import Box, children, matrix_of
 from renderer.scene.rewrite.emission import Unscalable, scale_emission
-from renderer.scene.vet.nodes import number, properties, vector
+from renderer.scene.vet.nodes import number, properties, value_of, vector
 
 Vector = tuple[float, float, float]
 SMALL_RADIUS, LARGE_RADIUS = 2.0**12, 2.0**30  # of a scene that is left at its scale
@@ -43,13 +43,6 @@ class Similarity:
     def is_identity(self) -> bool:
         """Whether it changes nothing."""
         return self == Similarity()
-
-    @property
-    def matrix(self) -> NDArray[np.float64]:
-        """(4, 4), from original to rendered coordinates."""
-        made = np.diag([self.scale, self.scale, self.scale, 1.0])
-        made[:3, 3] = self.moved((0.0, 0.0, 0.0))
-        return made
 
     def moved(self, point: Any) -> NDArray[np.float64]:
         """Rendered coordinates of original ones. point: (…, 3)."""
@@ -131,15 +124,16 @@ def _shape(state: Any, node: Any, similarity: Similarity) -> None:
 
 def _transform(node: Any, similarity: Similarity) -> None:
     """Moves and scales: to_world ← M·to_world."""
-    matrix = similarity.matrix @ matrix_of(_value(node, "to_world"))
+    matrix = matrix_of(value_of(node, "to_world"))
     # s·(t − c) at once: the sum of s·t and −s·c would lose the digits that all this is for.
-    matrix[:3, 3] = similarity.moved(matrix_of(_value(node, "to_world"))[:3, 3])
+    matrix[:3, 3] = similarity.moved(matrix[:3, 3])
+    matrix[:3, :3] *= similarity.scale
     node.props["to_world"] = mitsuba().ScalarAffineTransform4d(matrix)
 
 
 def _move(node: Any, similarity: Similarity) -> None:
     """Moves only: Mitsuba's cameras and spots take no scale, and need none."""
-    matrix = matrix_of(_value(node, "to_world"))
+    matrix = matrix_of(value_of(node, "to_world"))
     matrix[:3, 3] = similarity.moved(matrix[:3, 3])
     node.props["to_world"] = mitsuba().ScalarAffineTransform4d(matrix)
 
@@ -154,10 +148,6 @@ def _move_point(node: Any, key: str, similarity: Similarity) -> None:
     )
 
 
-def _value(node: Any, key: str) -> Any:
-    return dict(properties(node)).get(key)
-
-
 def _clip(node: Any, similarity: Similarity) -> None:
     for key, default in _CLIPS:
         _scale(node, key, default, similarity.scale)
@@ -170,7 +160,7 @@ def _perspective(state: Any, node: Any, similarity: Similarity) -> None:
 
 def _thin_lens(state: Any, node: Any, similarity: Similarity) -> None:
     _scale(node, "focus_distance", number(dict(properties(node)), *_CLIPS[1]), similarity.scale)
-    if _value(node, "aperture_radius") is not None:
+    if value_of(node, "aperture_radius") is not None:
         _scale(node, "aperture_radius", 0.0, similarity.scale)
     _perspective(state, node, similarity)
 
@@ -182,16 +172,16 @@ def _orthographic(state: Any, node: Any, similarity: Similarity) -> None:
 
 
 def _radiance_meter(state: Any, node: Any, similarity: Similarity) -> None:
-    if _value(node, "origin") is not None:
+    if value_of(node, "origin") is not None:
         _move_point(node, "origin", similarity)
-        if _value(node, "target") is not None:
+        if value_of(node, "target") is not None:
             _move_point(node, "target", similarity)
     else:
         _move(node, similarity)
 
 
 def _distant(state: Any, node: Any, similarity: Similarity) -> None:
-    target = _value(node, "target")
+    target = value_of(node, "target")
     if target is None:
         return
     if mitsuba().Properties.Type.ResolvedReference == node.props.type("target"):
@@ -205,7 +195,7 @@ def _nothing(state: Any, node: Any, similarity: Similarity) -> None:
 
 
 def _point(state: Any, node: Any, similarity: Similarity) -> None:
-    if _value(node, "position") is not None:
+    if value_of(node, "position") is not None:
         _move_point(node, "position", similarity)
     else:
         _move(node, similarity)

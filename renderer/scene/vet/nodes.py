@@ -49,6 +49,17 @@ def properties(node: Any) -> Iterator[tuple[str, Any]]:
         yield key, value
 
 
+def value_of(node: Any, key: str, default: Any = None) -> Any:
+    """One property, without marking it as used."""
+    props = node.props
+    if key not in props:
+        return default
+    was_queried = props.was_queried(key)
+    value = props[key]
+    props.mark_queried(key, was_queried)
+    return value
+
+
 def number(values: Mapping[str, Any], key: str, default: float) -> float:
     """A property as a number. One of another kind counts as missing: Mitsuba refuses it, and names its place."""
     value = values.get(key, default)
@@ -79,6 +90,8 @@ def _is_finite(value: Any) -> bool:
     if isinstance(value, (int, float)):
         return math.isfinite(value)
     name = type(value).__name__
+    if "Reference" in name:
+        return True
     if "Transform" in name:
         return bool(np.isfinite(np.array(value.matrix)).all())
     if name == "Spectrum":
