@@ -155,6 +155,7 @@ class PathKernel:
             # ------------------------------ Next vertex ------------------------------
 
             ray = mi.Ray3f(origin, direction, time, wavelengths)
+            ray.maxt = dr.select(is_new, camera_ray.maxt, ray.maxt)  # the camera's far plane
             si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
             bsdf = si.bsdf()
 
