@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from renderer.measure.chart import svg
-from renderer.measure.run import DEFAULT_SECONDS, measure
+from renderer.measure.run import DEFAULT_SECONDS, measure, shrunk
 from renderer.measure.table import recommendations, settings_table
 from renderer.settings import Settings
 
@@ -21,6 +21,7 @@ TABLE_WIDTH = 132  # where the output is no terminal
 def measure_command(
     scene: Annotated[str, typer.Argument(help="A Mitsuba .xml file, or a name that `fredholm gallery` lists.")],
     techniques: Annotated[bool, typer.Option("--techniques", help="Compare techniques only.")] = False,
+    model: Annotated[bool, typer.Option("--model", help="What each thing that the kernel leaves out saves.")] = False,
     seconds: Annotated[float, typer.Option(help="Render time of each setting.")] = DEFAULT_SECONDS,
     reference: Annotated[Path | None, typer.Option(help="Converged EXR: measure true errors as well.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write everything to this JSON file.")] = None,
@@ -39,6 +40,7 @@ def measure_command(
       fredholm measure cornell-box --techniques
       fredholm measure scene.xml --size 320x240 --seconds 5 --chart speed.svg --json speed.json
       fredholm measure scene.xml --reference converged.exr
+      fredholm measure scene.xml --model
     """
     from renderer.cli import parse_size
 
@@ -47,6 +49,10 @@ def measure_command(
     width, height = parse_size(size) if size else (None, None)
     settings = Settings(width, height, seed, max_depth)
     notes, out = Console(stderr=True), Console()
+    if model:
+        _refuse_with_model(techniques, reference, chart)
+        _measure_model(scene, settings, seconds, json_file, out)
+        return
     columns = (TextColumn("{task.description}"), BarColumn(bar_width=30))
     with Progress(*columns, console=notes, disable=not notes.is_terminal, transient=True) as bar:
         task = bar.add_task("loading", total=1.0)
@@ -69,6 +75,26 @@ def measure_command(
         json_file.write_text(json.dumps(found.as_dict(), indent=1) + "\n", encoding="utf-8")
     if chart is not None:
         chart.write_text(svg(found), encoding="utf-8")
+
+
+def _measure_model(scene: str, settings: Settings, seconds: float, json_file: Path | None, out: Console) -> None:
+    from renderer.measure.model import as_dict, model_costs, model_table
+    from renderer.scene.compile import load_scene
+
+    loaded = shrunk(load_scene(scene, settings=settings), settings)
+    costs = model_costs(loaded, settings, seconds)
+    if not out.is_terminal:
+        out.width = max(out.width, TABLE_WIDTH)
+    out.print(model_table(loaded, costs))
+    if json_file is not None:
+        json_file.write_text(json.dumps(as_dict(loaded, costs), indent=1) + "\n", encoding="utf-8")
+
+
+def _refuse_with_model(techniques: bool, reference: Path | None, chart: Path | None) -> None:
+    from renderer.errors import SettingsError
+
+    if techniques or reference is not None or chart is not None:
+        raise SettingsError("--model compares kernels alone; leave out --techniques, --reference and --chart")
 
 
 def _check_writable(path: Path | None, suffix: str, option: str) -> None:

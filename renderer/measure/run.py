@@ -59,8 +59,8 @@ def measure(
     if truth is not None:
         truth.check(loaded)
     full_pixels = loaded.width * loaded.height
-    if truth is None and asked.width is None and asked.height is None:
-        loaded = loaded.sized(replace(asked, **_small(loaded)))
+    if truth is None:
+        loaded = shrunk(loaded, asked)
     depth = loaded.requirements.max_depth if asked.max_depth is None else asked.max_depth
     tried = candidates(replace(asked, width=loaded.width, height=loaded.height), depth, techniques_only)
     runs = [_Run(loaded, candidate, seconds, truth) for candidate in tried]
@@ -74,6 +74,13 @@ def measure(
     name = None if reference is None else Path(reference).name
     scale = full_pixels / (loaded.width * loaded.height)
     return Measurement(loaded.name, loaded.digest, loaded.width, loaded.height, seconds, rows, name, scale)
+
+
+def shrunk(scene: Scene, asked: Settings) -> Scene:
+    """The scene at a size at which a few seconds say something, where no size is asked for."""
+    if asked.width is not None or asked.height is not None:
+        return scene
+    return scene.sized(replace(asked, **_small(scene)))
 
 
 def _small(scene: Scene) -> dict[str, int]:

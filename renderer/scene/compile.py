@@ -110,9 +110,12 @@ class Scene:
 
     def kernel(self, settings: Settings) -> PathKernel:
         """The kernel for resolved settings."""
+        return self.kernel_of(self.model(settings))
+
+    def kernel_of(self, model: Model) -> PathKernel:
+        """The kernel of a model."""
         from renderer.equation.path import PathKernel
 
-        model = self.model(settings)
         if model not in self._kernels:
             with using(self.variant):
                 self._kernels[model] = PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)

@@ -1,0 +1,140 @@
+"""What the lean model buys: the kernel of a scene as it is, and with each of its omissions put back.
+
+All kernels take turns on the same lanes, so that a busy machine slows them alike. Compile time is that of a kernel that
+nobody has compiled before: its seed is written into it as a number, which makes it a new one.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from dataclasses import asdict, dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import numpy as np
+from rich.table import Table
+
+from renderer.backend import mitsuba, using
+from renderer.settings import DEFAULT_REPLICATE_SIZE, Settings
+
+if TYPE_CHECKING:
+    from renderer.equation.path import Model
+    from renderer.scene.compile import Scene
+
+ROUNDS = 9
+COMPILATIONS = 3
+_TOLD = {
+    "has_sampleable_emitters": "emitter sampling",
+    "has_lens": "a lens",
+    "has_transmission": "light through surfaces",
+    "has_visible_emitters": "lights that rays hit",
+    "needs_time": "time within the shutter",
+    "has_roulette": "roulette",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class KernelCost:
+    """name: of the kernel. operations: in its code. compile_seconds: code and machine code, nothing cached.
+    render_seconds: of one launch, median. render_ratio: to the lean kernel, median over the rounds; low, high: its
+    quartiles, between which a ratio of 1 says that nothing was measured.
+    """
+
+    name: str
+    operations: int
+    compile_seconds: float
+    render_seconds: float
+    render_ratio: float
+    low: float
+    high: float
+
+
+def model_costs(scene: Scene, settings: Settings, seconds: float) -> list[KernelCost]:
+    """The lean kernel first, then with each omission put back, then the full one. seconds: of launching each."""
+    from renderer.scene.compile import load_scene
+
+    resolved = scene.resolved(settings, settings.replicate_size or DEFAULT_REPLICATE_SIZE)
+    lean, full = scene.model(resolved), scene.model(resolved, full=True)
+    tried: list[tuple[str, Scene, Model]] = [("lean", scene, lean)]
+    for name in omissions(lean, full):
+        tried.append((f"with {_TOLD.get(name, name)}", scene, replace(lean, **{name: getattr(full, name)})))
+    if len(tried) > 2:
+        tried.append(("with all of these", scene, full))
+    if scene.colour == "mono":
+        in_rgb = load_scene(scene.source, settings=replace(settings, colour="rgb"), rewrites=scene.rewrites)
+        tried.append(("with three channels", in_rgb, lean))
+    compiled = [[_compilation(made, model, 1 + turn) for turn in range(COMPILATIONS)] for _, made, model in tried]
+    lanes = _lanes_for(scene, lean, seconds / ROUNDS)
+    rounds = [[_launch(made, model, lanes) for _, made, model in tried] for _ in range(ROUNDS + 1)][1:]
+    costs = []
+    for i, (name, _, _) in enumerate(tried):
+        ratios = [times[i] / times[0] for times in rounds]
+        low, middle, high = statistics.quantiles(ratios, n=4) if i else (1.0, 1.0, 1.0)
+        operations, compile_seconds = compiled[i][0][0], statistics.median(cost for _, cost in compiled[i])
+        render_seconds = statistics.median(times[i] for times in rounds)
+        costs.append(KernelCost(name, operations, compile_seconds, render_seconds, middle, low, high))
+    return costs
+
+
+def omissions(lean: Model, full: Model) -> list[str]:
+    """Names of what the lean model leaves out."""
+    return [f.name for f in fields(full) if getattr(lean, f.name) != getattr(full, f.name)]
+
+
+def _compilation(scene: Scene, model: Model, turn: int) -> tuple[int, float]:
+    """Operations and seconds of compiling the kernel anew."""
+    kernel = scene.kernel_of(model)
+    with using(scene.variant), dr.suspend_grad(), dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        mi = mitsuba()
+        lane = dr.opaque(mi.UInt32, 0, 16)
+        anew = mi.UInt32((time.time_ns() // 1000) % 2**31 + turn)  # no opaque: part of the code
+        dr.kernel_history_clear()
+        dr.eval(kernel._run(lane, lane, anew, mi.UInt32(turn), kernel.sizes))
+        dr.sync_thread()
+        found = max(dr.kernel_history(), key=lambda k: k.get("operation_count", 0))
+    return int(found["operation_count"]), (found["codegen_time"] + found["backend_time"]) / 1000
+
+
+def _lanes_for(scene: Scene, model: Model, seconds: float) -> int:
+    """Lanes that the kernel takes about `seconds` for: whole pictures."""
+    n = scene.width * scene.height
+    _launch(scene, model, n)
+    took = _launch(scene, model, n)
+    return n * max(1, round(seconds / took))
+
+
+def _launch(scene: Scene, model: Model, lanes: int) -> float:
+    """Seconds of one launch."""
+    index = np.arange(lanes, dtype=np.uint32)
+    n = scene.width * scene.height
+    began = time.perf_counter()
+    radiance, _ = scene.kernel_of(model).launch(index % n, index // n, 1)
+    dr.sync_thread()
+    del radiance
+    return time.perf_counter() - began
+
+
+def model_table(scene: Scene, costs: list[KernelCost]) -> Table:
+    """One line per kernel: what putting an omission back costs is what leaving it out saves."""
+    lean = costs[0]
+    table = Table(title=f"{scene.name}, {scene.width}×{scene.height}, {scene.colour}", title_justify="left")
+    table.add_column("kernel")
+    for column in ("operations", "compile s", "saved s", "render ms", "saved", "(quartiles)"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for cost in costs:
+        cells = [f"{cost.operations:,}", f"{cost.compile_seconds:.2f}"]
+        if cost is lean:
+            cells += ["", f"{1000 * cost.render_seconds:.0f}", "", ""]
+        else:
+            saved, low, high = (f"{100 * (1 - 1 / ratio):+.0f} %" for ratio in (cost.render_ratio, cost.low, cost.high))
+            cells += [f"{cost.compile_seconds - lean.compile_seconds:+.2f}", f"{1000 * cost.render_seconds:.0f}", saved]
+            cells.append(f"{low} … {high}")
+        table.add_row(cost.name, *cells, style="bold" if cost is lean else None)
+    return table
+
+
+def as_dict(scene: Scene, costs: list[KernelCost]) -> dict[str, Any]:
+    """Plain values, for a file."""
+    head = {"scene": scene.name, "digest": scene.digest, "width": scene.width, "height": scene.height}
+    return head | {"colour": scene.colour, "kernels": [asdict(cost) for cost in costs]}
