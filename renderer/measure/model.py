@@ -109,9 +109,9 @@ def _launch(scene: Scene, model: Model, lanes: int) -> float:
     index = np.arange(lanes, dtype=np.uint32)
     n = scene.width * scene.height
     began = time.perf_counter()
-    radiance, _ = scene.kernel_of(model).launch(index % n, index // n, 1)
+    results = scene.kernel_of(model).launch(index % n, index // n, 1)
     dr.sync_thread()
-    del radiance
+    del results
     return time.perf_counter() - began
 
 
