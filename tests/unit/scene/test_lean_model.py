@@ -78,7 +78,7 @@ def test_what_is_left_out_is_not_in_the_kernel() -> None:
             rendered(scene, model)
             return max(kernel.get("operation_count", 0) for kernel in dr.kernel_history())
 
-    for name, share in (("mirrors alone", 0.9), ("a point light alone", 0.95)):
+    for name, share in (("mirrors alone", 0.95), ("a point light alone", 0.95)):
         scene = load_scene(CASES[name], settings=SETTINGS)
         resolved = scene.resolved(SETTINGS, 16)
         lean, full = (operations(scene, scene.model(resolved, full=whole)) for whole in (False, True))
