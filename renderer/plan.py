@@ -41,18 +41,26 @@ class Pass:
         n = self.n_replicates
         return len(self.pixels) * n if isinstance(n, int) else int(n.sum())
 
-    def layers(self) -> Iterator[tuple[NDArray[np.uint32], NDArray[np.uint32]]]:
-        """Lanes as (pixels, replicates), a pixel at most once in a layer, in pixel order: neighbours run together."""
-        first = np.broadcast_to(self.first, len(self.pixels))
-        if isinstance(self.n_replicates, int):
-            for r in range(self.n_replicates):
-                yield self.pixels, (first + r).astype(np.uint32)
-            return
-        pixels, n = self.pixels, self.n_replicates
+    def lanes(self) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+        """(n_lanes,) pixel and replicate of each lane. A pixel's replicates run together: their paths are alike."""
+        n = self.n_replicates
+        pixels = np.repeat(self.pixels, n)
+        within = np.arange(self.n_lanes) - np.repeat(self._starts(), n)
+        return pixels, (np.repeat(np.broadcast_to(self.first, len(self.pixels)), n) + within).astype(np.uint32)
+
+    def layers(self) -> Iterator[tuple[NDArray[np.uint32], NDArray[np.int64]]]:
+        """The r-th replicate of all pixels that have one: (pixels, their lanes), for r = 0, 1, 2, …"""
+        pixels, starts = self.pixels, self._starts()
+        n = np.broadcast_to(self.n_replicates, len(pixels))
         for r in range(int(n.max(initial=0))):
             more = n > r
-            pixels, first, n = (pixels, first, n) if more.all() else (pixels[more], first[more], n[more])
-            yield pixels, (first + r).astype(np.uint32)
+            pixels, starts, n = (pixels, starts, n) if more.all() else (pixels[more], starts[more], n[more])
+            yield pixels, starts + r
+
+    def _starts(self) -> NDArray[np.int64]:
+        """(n,) first lane of each pixel."""
+        n = self.n_replicates
+        return np.arange(len(self.pixels)) * n if isinstance(n, int) else np.cumsum(n) - n
 
 
 def next_round(

@@ -126,7 +126,6 @@ class _Launch:
     """A pass on its way: what it renders, its results to be, when it began and after which snapshot."""
 
     work: plan.Pass
-    layers: list[tuple[NDArray[np.uint32], NDArray[np.uint32]]]
     lanes: Any
     began: float
     sequence: int
@@ -228,10 +227,8 @@ class _Render:
 
     def _launch(self, work: plan.Pass | None) -> _Launch:
         assert work is not None
-        layers = list(work.layers())
-        pixels, replicates = (np.concatenate(parts) for parts in zip(*layers, strict=True))
-        lanes = self.kernel.launch(pixels, replicates, self.settings.seed)
-        return _Launch(work, layers, lanes, time.perf_counter(), self.sequence)
+        lanes = self.kernel.launch(*work.lanes(), self.settings.seed)
+        return _Launch(work, lanes, time.perf_counter(), self.sequence)
 
     def _fetch(self, launched: _Launch) -> tuple[NDArray, NDArray, NDArray]:
         """Waits for a pass and returns its lanes' radiance (n, 3), invalid samples (n,) and path segments (n,)."""
@@ -244,12 +241,9 @@ class _Render:
 
     def _add(self, launched: _Launch, results: tuple[NDArray, NDArray, NDArray]) -> None:
         radiance, invalid, segments = results
-        start = 0
-        for some, _ in launched.layers:
-            part = slice(start, start + len(some))
+        for some, lanes in launched.work.layers():
             where = slice(None) if len(some) == self.n else some
-            self.moments.add(where, radiance[part], invalid[part], self.size, segments[part])
-            start += len(some)
+            self.moments.add(where, radiance[lanes], invalid[lanes], self.size, segments[lanes])
         if launched is self.in_flight:
             self.in_flight = None
 
