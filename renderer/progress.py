@@ -154,6 +154,7 @@ class _Render:
         self.snapshot_cost = 0.0
         self.since_snapshot = 0.0
         self.speed = 0.0  # samples per second, of the last passes
+        self.pass_seconds = 0.0  # of the last pass
 
     @property
     def wanted(self) -> int | None:
@@ -234,7 +235,8 @@ class _Render:
         """Waits for a pass and returns its lanes' radiance (n, 3), invalid samples (n,) and path segments (n,)."""
         radiance, invalid, segments = np.array(launched.lanes[0]).T, *map(np.array, launched.lanes[1:])
         if launched.sequence == self.sequence:  # else it may have waited for us
-            speed = launched.work.n_lanes * self.size / max(time.perf_counter() - launched.began, 1e-6)
+            self.pass_seconds = time.perf_counter() - launched.began
+            speed = launched.work.n_lanes * self.size / max(self.pass_seconds, 1e-6)
             # The first pass may have compiled: a later, faster one replaces it at once.
             self.speed = speed if speed > 2 * self.speed else 0.7 * self.speed + 0.3 * speed
         return radiance, invalid, segments
@@ -253,7 +255,9 @@ class _Render:
     def _is_snapshot_due(self) -> bool:
         cost = self.snapshot_cost
         pace = min(max(cost / SNAPSHOT_SHARE, MIN_SNAPSHOT_SECONDS), MAX_SNAPSHOT_SECONDS)
-        return self.sequence == 0 or self.since_snapshot >= max(pace, cost / MAX_SNAPSHOT_SHARE)
+        pace = max(pace, cost / MAX_SNAPSHOT_SHARE)
+        # The end of the pass that is nearest to it.
+        return self.sequence == 0 or self.since_snapshot + 0.5 * self.pass_seconds >= pace
 
     def _stop_reason(self) -> str | None:
         """Why to stop now, at the end of a round. Looking at targets here only does not fool them."""

@@ -50,6 +50,7 @@ class _Run:
 
 _scenes: OrderedDict[str, Scene] = OrderedDict()
 _runs: dict[tuple[str, int], _Run] = {}
+_NICENESS = 10
 # Large estimates take a good part of a second to write: rendering and frames go on meanwhile.
 _writer = ThreadPoolExecutor(1, thread_name_prefix="save")
 
@@ -60,8 +61,7 @@ def begin(displays: Path | None, words: Path | None = None) -> None:
     words: file that takes its error stream, so that the server can say with which words it died.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "nice"):
-        os.nice(10)  # whoever looks at pictures, and the server that sends them, go before whoever makes them
+    _give_way()
     if words is not None:
         with contextlib.suppress(OSError):
             descriptor = os.open(words, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
@@ -69,6 +69,20 @@ def begin(displays: Path | None, words: Path | None = None) -> None:
             os.close(descriptor)
     faulthandler.enable()
     threading.Thread(target=_exit_with_parent, args=(displays,), name="parent-watch", daemon=True).start()
+
+
+def _give_way() -> None:
+    """Whoever looks at pictures, and the server that sends them, go before whoever makes them.
+
+    Where Linux groups processes by session (sched_autogroup), niceness counts within a session alone: the renderer gets
+    one of its own, and that one the niceness.
+    """
+    if not hasattr(os, "nice"):
+        return
+    os.nice(_NICENESS)
+    with contextlib.suppress(OSError):
+        os.setsid()
+        Path("/proc/self/autogroup").write_text(str(_NICENESS))
 
 
 def _exit_with_parent(displays: Path | None) -> None:
@@ -181,17 +195,19 @@ def kept_scene(source: str, settings: Settings) -> Scene:
 
 
 def _render(run: _Run, turn: Turn) -> tuple[dict[str, float], ...]:
-    """Advance a run until its turn is over; a run without any picture shows its first at once."""
+    """Advance a run to the snapshot nearest the end of its turn; a run without any picture shows its first at once."""
     curve: list[dict[str, float]] = []
     is_first = run.last is None
-    ends = time.perf_counter() + turn.seconds
+    latest = time.perf_counter()
+    ends = latest + turn.seconds
     for snapshot in run.snapshots:
+        before, latest = latest, time.perf_counter()
         if is_first:
             run.saved_seconds = snapshot.seconds
         run.last = snapshot
         if snapshot.error is not None and math.isfinite(snapshot.error):
             curve.append({"seconds": snapshot.seconds, "spp": snapshot.spp, "error": snapshot.error})
-        if snapshot.stopped_by is not None or is_first or time.perf_counter() >= ends:
+        if snapshot.stopped_by is not None or is_first or latest + 0.5 * (latest - before) >= ends:
             return tuple(curve)
     raise RuntimeError("the renderer ended without saying why")
 

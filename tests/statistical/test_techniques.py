@@ -24,7 +24,7 @@ CASES = {
     "furnace": TECHNIQUES,
 }
 WIDTH, HEIGHT, BLOCK, SPP = 16, 12, 4, 512
-# The sun of this sky is found by one direction in ten thousand: a block needs dozens of such finds to know its variance.
+# One direction in ten thousand finds the sun of this sky: a block needs dozens of such finds to know its variance.
 MORE_SPP = {"glass-sky": 16384}
 
 

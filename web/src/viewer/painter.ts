@@ -1,13 +1,13 @@
 /** Draws pictures with WebGL2. Holds textures by frame, no view state: everything that decides a picture comes with the call. */
 import type { Frame, FrameHeader } from '../frame/decode';
 import { infernoTexels } from './inferno';
-import { MODES, type Painting, type Pane, TONE_MAPS } from './scene';
-import { FRAGMENT, VERTEX } from './shaders';
+import { type Look, MODES, type Painting, type Pane, TONE_MAPS } from './scene';
+import { fragmentFor, type Variant, VERTEX } from './shaders';
 import type { Size } from './view';
 
 const UNIFORMS = [
-  'frame', 'inferno', 'counts', 'other', 'viewportHeight', 'corner', 'extent', 'zoom', 'reduction', 'gain', 'unscale', 'floorSquared',
-  'target', 'tone', 'mode', 'onlyAbove', 'density', 'well', 'hasCounts', 'replicateSize', 'samples', 'otherReduction', 'otherUnscale',
+  'frame', 'inferno', 'counts', 'other', 'viewportHeight', 'corner', 'zoom', 'reduction', 'gain', 'unscale', 'floorSquared',
+  'target', 'onlyAbove', 'density', 'hasCounts', 'replicateSize', 'samples', 'otherReduction', 'otherUnscale',
 ] as const; // prettier-ignore
 const UNITS = { frame: 0, inferno: 1, counts: 2, other: 3 } as const;
 
@@ -18,10 +18,17 @@ interface Held {
   counts: WebGLTexture | null;
 }
 
+/** More would not be told from the mean of these. */
+const MOST_TAPS = 4;
+
+interface Program {
+  program: WebGLProgram;
+  at: Record<(typeof UNIFORMS)[number], WebGLUniformLocation | null>;
+}
+
 export class Painter {
   private readonly gl: WebGL2RenderingContext;
-  private readonly program: WebGLProgram;
-  private readonly at: Record<(typeof UNIFORMS)[number], WebGLUniformLocation | null>;
+  private readonly programs = new Map<string, Program>();
   private readonly held = new Map<number, Held>();
   private readonly nothing: WebGLTexture;
 
@@ -30,8 +37,6 @@ export class Painter {
     const gl = canvas.getContext('webgl2', { alpha: false, antialias: false, depth: false });
     if (!gl) throw new Error('WebGL2 is not available here');
     this.gl = gl;
-    this.program = linked(gl);
-    this.at = Object.fromEntries(UNIFORMS.map((name) => [name, gl.getUniformLocation(this.program, name)])) as typeof this.at;
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     texture(gl, UNITS.inferno, gl.LINEAR);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, infernoTexels());
@@ -70,7 +75,7 @@ export class Painter {
   }
 
   paint({ port, density, panes, look }: Painting): void {
-    const { gl, at } = this;
+    const { gl } = this;
     if (gl.isContextLost()) return;
     const { width, height } = this.grown(port);
     gl.viewport(0, 0, width, height);
@@ -78,32 +83,35 @@ export class Painter {
     gl.scissor(0, height - port.height, port.width, port.height);
     gl.clearColor(look.well[0], look.well[1], look.well[2], 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
-    gl.useProgram(this.program);
-    for (const [name, unit] of Object.entries(UNITS)) gl.uniform1i(at[name as keyof typeof UNITS], unit);
-    gl.uniform1f(at.viewportHeight, height);
-    gl.uniform1f(at.density, density);
-    gl.uniform1i(at.tone, TONE_MAPS.findIndex((entry) => entry.id === look.tone));
-    gl.uniform1i(at.mode, MODES.findIndex((entry) => entry.id === look.mode));
-    gl.uniform1i(at.onlyAbove, look.onlyAbove ? 1 : 0);
-    gl.uniform2f(at.samples, look.samples[0], look.samples[1]);
-    gl.uniform3f(at.well, look.well[0], look.well[1], look.well[2]);
-    for (const pane of panes) this.paintPane(pane, height, 2 ** look.exposure);
+    for (const pane of panes) this.paintPane(pane, height, look, density);
   }
 
-  private paintPane(pane: Pane, canvasHeight: number, exposure: number): void {
-    const { gl, at } = this;
+  private paintPane(pane: Pane, canvasHeight: number, look: Look, density: number): void {
+    const { gl } = this;
     const frame = pane.frame === null ? undefined : this.held.get(pane.frame);
     if (!frame) return;
     const other = (pane.other === null ? undefined : this.held.get(pane.other)) ?? frame;
     const { scale, reduce, replicate_size } = frame.header;
+    const footprint = 1 / (pane.view.zoom * reduce);
+    const corner = { left: Math.round(pane.view.left), top: Math.round(pane.view.top) };
+    const { program, at } = this.programFor({
+      mode: MODES.findIndex((entry) => entry.id === look.mode),
+      tone: TONE_MAPS.findIndex((entry) => entry.id === look.tone),
+      taps: Math.min(Math.max(Math.ceil(footprint - 0.01), 1), MOST_TAPS),
+    });
+    gl.useProgram(program);
+    for (const [name, unit] of Object.entries(UNITS)) gl.uniform1i(at[name as keyof typeof UNITS], unit);
+    gl.uniform1f(at.viewportHeight, canvasHeight);
+    gl.uniform1f(at.density, density);
+    gl.uniform1i(at.onlyAbove, look.onlyAbove ? 1 : 0);
+    gl.uniform2f(at.samples, look.samples[0], look.samples[1]);
     this.bind(UNITS.frame, frame.picture);
     this.bind(UNITS.counts, frame.counts ?? this.nothing);
     this.bind(UNITS.other, other.picture);
-    gl.uniform2f(at.corner, Math.round(pane.view.left), Math.round(pane.view.top));
-    gl.uniform2f(at.extent, pane.image.width, pane.image.height);
+    gl.uniform2f(at.corner, corner.left, corner.top);
     gl.uniform1f(at.zoom, pane.view.zoom);
     gl.uniform1f(at.reduction, reduce);
-    gl.uniform1f(at.gain, exposure / scale);
+    gl.uniform1f(at.gain, 2 ** look.exposure / scale);
     gl.uniform1f(at.unscale, 1 / scale);
     gl.uniform1f(at.floorSquared, (0.1 * frame.meanLuminance * scale) ** 2);
     gl.uniform1f(at.target, pane.target);
@@ -111,8 +119,14 @@ export class Painter {
     gl.uniform1f(at.replicateSize, replicate_size);
     gl.uniform1f(at.otherReduction, other.header.reduce);
     gl.uniform1f(at.otherUnscale, 1 / other.header.scale);
-    const { left, top, width, height } = pane.clip;
-    gl.scissor(Math.round(left), canvasHeight - Math.round(top + height), Math.round(width), Math.round(height));
+    // Screen pixels whose middle lies in the picture.
+    const { clip, view, image } = pane;
+    const left = Math.max(Math.round(clip.left), corner.left);
+    const top = Math.max(Math.round(clip.top), corner.top);
+    const right = Math.min(Math.round(clip.left + clip.width), corner.left + Math.ceil(image.width * view.zoom - 0.5));
+    const bottom = Math.min(Math.round(clip.top + clip.height), corner.top + Math.ceil(image.height * view.zoom - 0.5));
+    if (right <= left || bottom <= top) return;
+    gl.scissor(left, canvasHeight - bottom, right - left, bottom - top);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
@@ -125,6 +139,18 @@ export class Painter {
     if (canvas.width < port.width) canvas.width = port.width;
     if (canvas.height < port.height) canvas.height = port.height;
     return canvas;
+  }
+
+  private programFor(variant: Variant): Program {
+    const key = Object.values(variant).join();
+    let made = this.programs.get(key);
+    if (!made) {
+      const program = linked(this.gl, fragmentFor(variant));
+      const places = UNIFORMS.map((name) => [name, this.gl.getUniformLocation(program, name)]);
+      made = { program, at: Object.fromEntries(places) as Program['at'] };
+      this.programs.set(key, made);
+    }
+    return made;
   }
 
   private bind(unit: number, held: WebGLTexture): void {
@@ -157,9 +183,9 @@ function texture(gl: WebGL2RenderingContext, unit: number, filter: number): WebG
   return made;
 }
 
-function linked(gl: WebGL2RenderingContext): WebGLProgram {
+function linked(gl: WebGL2RenderingContext, fragment: string): WebGLProgram {
   const program = gl.createProgram();
-  for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]] as const) {
+  for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, fragment]] as const) {
     const shader = gl.createShader(kind)!;
     gl.shaderSource(shader, source);
     gl.compileShader(shader);

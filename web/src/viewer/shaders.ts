@@ -1,5 +1,6 @@
 /**
- * The picture is drawn by one full-viewport triangle. Half floats arrive as 16-bit integers: NaN and infinity are
+ * The picture is drawn by one triangle that is cut to where the picture lies, with a program made for the mode, the tone and the number of texels
+ * under a screen pixel: software graphics run through every branch that a program has. Half floats arrive as 16-bit integers: NaN and infinity are
  * told apart by their bits, because drivers may assume in float arithmetic that neither occurs.
  */
 import { DIFFERENCE_RANGE } from './scene';
@@ -9,7 +10,17 @@ void main() {
   gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0);
 }`;
 
-export const FRAGMENT = `#version 300 es
+/** What a program is made for. mode, tone: places in MODES and TONE_MAPS. taps: texels under a screen pixel, a side. */
+export interface Variant {
+  mode: number;
+  tone: number;
+  taps: number;
+}
+
+export const fragmentFor = ({ mode, tone, taps }: Variant): string => `#version 300 es
+#define MODE ${mode}  // 0 image, 1 error, 2 samples, 3 trust, 4 difference
+#define TONE ${tone}  // 0 sRGB clip, 1 filmic, 2 Reinhard
+#define TAPS ${taps}
 precision highp float;
 precision highp int;
 precision highp usampler2D;
@@ -20,7 +31,6 @@ uniform usampler2D other;      // as frame: what a difference subtracts
 uniform sampler2D inferno;
 uniform float viewportHeight;  // device pixels
 uniform vec2 corner;           // image's top left corner in the viewport
-uniform vec2 extent;           // image size, image pixels
 uniform float zoom;            // device pixels per image pixel
 uniform float reduction;       // image pixels per texel side
 uniform float gain;            // 2^exposure / frame scale
@@ -29,14 +39,11 @@ uniform float otherReduction;
 uniform float otherUnscale;
 uniform float floorSquared;    // (0.1 mean luminance * scale)^2
 uniform float target;
-uniform int tone;              // 0 sRGB clip, 1 filmic, 2 Reinhard
-uniform int mode;              // 0 image, 1 error, 2 samples, 3 trust, 4 difference
 uniform bool hasCounts;
 uniform float replicateSize;   // samples per replicate
 uniform vec2 samples;          // ends of the samples map, samples per pixel
 uniform bool onlyAbove;
 uniform float density;         // device pixels per CSS pixel
-uniform vec3 well;             // sRGB
 out vec4 result;
 
 const vec3 LUMA = vec3(0.2126, 0.7152, 0.0722);
@@ -63,8 +70,11 @@ vec3 encode(vec3 c) {
 
 vec3 toned(vec3 radiance) {
   vec3 c = max(radiance, 0.0);
-  if (tone == 1) c = (c * (2.51 * c + 0.03)) / (c * (2.43 * c + 0.59) + 0.14);
-  else if (tone == 2) { float y = dot(c, LUMA); c /= 1.0 + y; }
+#if TONE == 1
+  c = (c * (2.51 * c + 0.03)) / (c * (2.43 * c + 0.59) + 0.14);
+#elif TONE == 2
+  c /= 1.0 + dot(c, LUMA);
+#endif
   return encode(c);
 }
 
@@ -100,49 +110,60 @@ ivec2 inside(vec2 at, ivec2 size) { return clamp(ivec2(floor(at)), ivec2(0), siz
 void main() {
   vec2 screen = vec2(gl_FragCoord.x, viewportHeight - gl_FragCoord.y);
   vec2 at = (screen - corner) / zoom;
-  if (any(lessThan(at, vec2(0.0))) || any(greaterThanEqual(at, extent))) { result = vec4(well, 1.0); return; }
 
-  // Zoomed out, each screen pixel is the mean of the texels under it (at most 4 x 4 of them).
+  // Zoomed out, each screen pixel is the mean of the texels under it (at most TAPS x TAPS of them).
   float footprint = 1.0 / (zoom * reduction);
-  int taps = clamp(int(ceil(footprint - 0.01)), 1, 4);
   ivec2 size = textureSize(frame, 0);
   vec3 radiance = vec3(0.0);
   vec3 colour = vec3(0.0);
   float known = 0.0;
   float invalid = 0.0;
   float untrusted = 0.0;
-  for (int j = 0; j < taps; j++) {
-    for (int i = 0; i < taps; i++) {
-      vec2 offset = taps > 1 ? ((vec2(i, j) + 0.5) / float(taps) - 0.5) * footprint : vec2(0.0);
+  for (int j = 0; j < TAPS; j++) {
+    for (int i = 0; i < TAPS; i++) {
+#if TAPS > 1
+      vec2 offset = ((vec2(i, j) + 0.5) / float(TAPS) - 0.5) * footprint;
+#else
+      vec2 offset = vec2(0.0);
+#endif
       ivec2 here = inside(at / reduction + offset, size);
       Texel texel = texelOf(texelFetch(frame, here, 0));
       if (!texel.valid) { invalid += 1.0; continue; }
       radiance += texel.radiance;
-      if (mode == 1 && texel.known) { known += 1.0; colour += errorColour(texel); }
-      else if (mode == 2 || mode == 3) {
-        uint bits = hasCounts ? texelFetch(counts, here, 0).r : 0u;
-        float replicates = unpackHalf2x16(bits & 0x7fffu).x;
-        if (replicates > 0.0) { known += 1.0; if (mode == 2) colour += samplesColour(replicates); }
-        if ((bits & 0x8000u) != 0u) untrusted += 1.0;
-      } else if (mode == 4) {
-        vec2 there = (at + offset * reduction) / otherReduction;
-        Texel against = texelOf(texelFetch(other, inside(there, textureSize(other, 0)), 0));
-        if (texel.known && against.known) { known += 1.0; colour += differenceColour(texel, against); }
+#if MODE == 1
+      if (texel.known) { known += 1.0; colour += errorColour(texel); }
+#elif MODE == 2 || MODE == 3
+      uint bits = hasCounts ? texelFetch(counts, here, 0).r : 0u;
+      float replicates = unpackHalf2x16(bits & 0x7fffu).x;
+      if (replicates > 0.0) {
+        known += 1.0;
+#if MODE == 2
+        colour += samplesColour(replicates);
+#endif
       }
+      if ((bits & 0x8000u) != 0u) untrusted += 1.0;
+#elif MODE == 4
+      vec2 there = (at + offset * reduction) / otherReduction;
+      Texel against = texelOf(texelFetch(other, inside(there, textureSize(other, 0)), 0));
+      if (texel.known && against.known) { known += 1.0; colour += differenceColour(texel, against); }
+#endif
     }
   }
-  float total = float(taps * taps);
+  const float total = float(TAPS * TAPS);
+  vec3 shown;
+#if MODE == 0
+  shown = toned(radiance * gain / total);
+#else
   vec3 hatch = mix(vec3(0.18), vec3(0.32), stripes(screen, 8.0));
-  if (invalid > 0.0) {
-    result = vec4(mix(vec3(1.0, 0.0, 0.85), vec3(0.0), stripes(screen, 6.0)), 1.0);
-  } else if (mode == 0) {
-    result = vec4(toned(radiance * gain / total), 1.0);
-  } else if (mode == 3) {
-    vec3 grey = vec3(dot(toned(radiance * gain / total), LUMA)) * 0.75 + 0.05;
-    // The picture stays to be seen under the stripes: one wants to know what is doubtful.
-    vec3 doubt = mix(mix(grey, vec3(0.89, 0.70, 0.25), 0.62), grey * 0.55, stripes(screen, 6.0));
-    result = vec4(known > 0.0 ? mix(grey, doubt, untrusted / total) : hatch, 1.0);
-  } else {
-    result = vec4(known > 0.0 ? mix(hatch, colour / known, known / total) : hatch, 1.0);
-  }
+#if MODE == 3
+  vec3 grey = vec3(dot(toned(radiance * gain / total), LUMA)) * 0.75 + 0.05;
+  // The picture stays to be seen under the stripes: one wants to know what is doubtful.
+  vec3 doubt = mix(mix(grey, vec3(0.89, 0.70, 0.25), 0.62), grey * 0.55, stripes(screen, 6.0));
+  shown = known > 0.0 ? mix(grey, doubt, untrusted / total) : hatch;
+#else
+  shown = known > 0.0 ? mix(hatch, colour / known, known / total) : hatch;
+#endif
+#endif
+  if (invalid > 0.0) shown = mix(vec3(1.0, 0.0, 0.85), vec3(0.0), stripes(screen, 6.0));
+  result = vec4(shown, 1.0);
 }`;
