@@ -25,7 +25,7 @@ from scipy.special import ndtri
 
 from renderer.estimate.interval import FLOOR, trust
 from renderer.estimate.moments import Moments
-from renderer.estimate.neighbours import box_sum
+from renderer.estimate.neighbours import box_sum, pixels_within
 
 MIN_MEASURED = 256  # pixels with a variance, before the error of the image is said
 CONFIDENCE = 0.95
@@ -124,7 +124,7 @@ def _careful(moments: Moments, width: int, floor: float) -> tuple[NDArray[np.flo
     shape = (len(moments.count) // width, width)
     single = np.minimum(moments.skewness() ** 2 / np.maximum(moments.count, 1), 1.0)
     doubt = np.minimum(SINGLE * single, 1.0)
-    others = np.maximum(box_sum(np.ones(shape), WINDOW) - 1.0, 1.0).ravel()
+    others = np.maximum(pixels_within(shape, WINDOW) - 1.0, 1.0).ravel()
     result = np.zeros(len(single))
     variance = moments.variance_of_mean()
     for c in range(3):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
@@ -20,7 +22,13 @@ def box_sum(values: Map, size: int) -> Map:
 
 def box_mean(values: Map, size: int) -> Map:
     """(H, W) mean over the size × size pixels around each one that lie in the image."""
-    return box_sum(values, size) / box_sum(np.ones_like(values), size)
+    return box_sum(values, size) / pixels_within(values.shape, size)
+
+
+@lru_cache(maxsize=4)
+def pixels_within(shape: tuple[int, int], size: int) -> Map:
+    """(H, W) how many of the size × size pixels around each one lie in the image."""
+    return box_sum(np.ones(shape), size)
 
 
 def halved(values: Map) -> Map:
