@@ -35,7 +35,7 @@ def t_quantile(probability: float, degrees: NDArray | float) -> NDArray:
     """Quantile of Student's t distribution."""
     degrees = np.asarray(degrees)
     # A quantile takes a microsecond, and the pixels of an image share a few hundred counts.
-    if degrees.dtype.kind in "iu" and 0 <= degrees.min(initial=0) and degrees.max(initial=0) < degrees.size:
+    if degrees.dtype.kind in "iu" and degrees.min(initial=0) >= 0 and degrees.max(initial=0) < degrees.size:
         return stdtrit(np.arange(int(degrees.max(initial=0)) + 1), probability)[degrees]
     return stdtrit(degrees, probability)
 
