@@ -26,8 +26,8 @@ from renderer.replay import differences, replay, settings_of
 from renderer.scene import gallery as scene_gallery
 from renderer.scene.compile import load_scene
 from renderer.scene.report import inspect
+from renderer.scene.rewrite import passes
 from renderer.settings import DEFAULT_CONFIDENCE, Settings, Target
-from service.key_commands import app as key_commands
 
 DEFAULT_ERROR = 0.05
 CHECKPOINT_SECONDS = 5.0  # of work that a killed render loses at most
@@ -40,7 +40,6 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode="rich",
 )
-app.add_typer(key_commands, name="key")
 err = Console(stderr=True)
 
 
@@ -137,6 +136,9 @@ def render(
     channels: Annotated[
         str, typer.Option(help="Also write these, for example albedo,normal,depth,position,shape_index.")
     ] = "",
+    without: Annotated[
+        str, typer.Option(help="Rewrites of the scene to leave out, for comparison: similarity, flat faces, …")
+    ] = "",
     resume: Annotated[Path | None, typer.Option(help="Go on from this EXR (same scene, settings and seed).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one last line of JSON.")] = False,
 ) -> None:
@@ -165,6 +167,7 @@ def render(
     if output.suffix.lower() != ".exr":
         raise SettingsError(f"--output is {output}; the name must end in .exr")
     start = Estimate.read(resume) if resume else None
+    source = load_scene(scene, settings=settings, rewrites=passes.all_but(_names(without))) if without else scene
 
     interrupted = False
 
@@ -181,7 +184,7 @@ def render(
     saved, cost = time.monotonic(), 0.0
     with _progress_bar() as bar:
         task = bar.add_task("loading", total=1.0, detail="")
-        for last in progressive(scene, target, settings, start=start, should_stop=lambda: interrupted):
+        for last in progressive(source, target, settings, start=start, should_stop=lambda: interrupted):
             bar.update(task, description=_title(scene), completed=_share_done(last, target), detail=_detail(last))
             now = time.monotonic()
             if now - saved > max(CHECKPOINT_SECONDS, cost / CHECKPOINT_SHARE) and last.stopped_by is None:

@@ -174,6 +174,7 @@ def test_the_gallery_lists_names_that_render_takes(fredholm: type[Command], caps
         ((*TINY, "--seed", "-1"), "seed is -1"),
         ((*TINY, "-o", "out.png"), "out.png; the name must end in .exr"),
         ((*TINY, "--resume", "none.exr"), "none.exr: no such file"),
+        ((*TINY, "--without", "magic"), "rewrite is 'magic'; choose from flat shapes, dark lights, similarity"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_two(
@@ -223,6 +224,13 @@ def test_a_render_writes_its_image_and_one_last_line_of_json(
     assert written.mean.max() > 0
     assert "out.exr: error" in err
     assert "samples done" in err
+
+
+def test_a_rewrite_is_left_out_on_request_and_the_image_says_so(fredholm: type[Command]) -> None:
+    assert fredholm("render", *TINY, "--spp", "1", "-o", "whole.exr").code == 0
+    assert fredholm("render", *TINY, "--spp", "1", "-o", "left.exr", "--without", "similarity, flat faces").code == 0
+    whole, left = (Estimate.read(f"{name}.exr").identity.scene for name in ("whole", "left"))
+    assert whole != left
 
 
 def test_without_json_standard_output_stays_empty(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:

@@ -31,6 +31,12 @@ def check_names(rewrites: Collection[str]) -> None:
             raise SettingsError(f"rewrite is {name!r}; choose from {', '.join(ALL)}")
 
 
+def all_but(left_out: Collection[str]) -> tuple[str, ...]:
+    """All rewrites except those named. Refuses names that are no rewrite's."""
+    check_names(left_out)
+    return tuple(name for name in ALL if name not in left_out)
+
+
 def digest_with(digest: str, rewrites: Collection[str]) -> str:
     """The identity of a scene that some rewrites are switched off for: its pictures differ, if by little."""
     if set(rewrites) == set(ALL):
