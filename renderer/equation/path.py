@@ -46,6 +46,7 @@ class Model:
     has_lens: whether the camera has an aperture. splits_lobes: see `Directions`.
     has_transmission: whether light passes any surface. has_visible_emitters: whether a ray can hit a light (not where
     all are points and directions). needs_time: whether the picture depends on the time within the shutter's opening.
+    has_delta: whether some directions are those of mirrors and clear glass. has_roulette: whether paths get so long.
     stratified: Owen-scrambled points, else independent ones. surveys_lights: choose among lights by the place.
     """
 
@@ -60,6 +61,7 @@ class Model:
     has_transmission: bool = True
     has_visible_emitters: bool = True
     needs_time: bool = True
+    has_delta: bool = True
     has_roulette: bool = True
     stratified: bool = True
     surveys_lights: bool = True
@@ -155,7 +157,8 @@ class PathKernel:
             throughput[is_new] = camera_weight * filter_weight
             if dr.hint(self.model.has_transmission, mode="scalar"):
                 eta[is_new] = 1
-            prev_delta[is_new] = True
+            if dr.hint(self.model.has_delta, mode="scalar"):
+                prev_delta[is_new] = True
             radiance[is_new] = 0
 
             # ------------------------------ Next vertex ------------------------------
@@ -173,17 +176,19 @@ class PathKernel:
                 sees_emitter = active & (emitter != None)  # noqa: E711 (a Dr.Jit comparison)
                 if dr.hint(self.model.hide_emitters, mode="scalar"):
                     sees_emitter &= depth != 0
+                # The camera's rays and those of mirrors could not have been found from the light's side.
+                is_alone = prev_delta if dr.hint(self.model.has_delta, mode="scalar") else depth == 0
                 weight_hit = mi.Float(1)
                 if dr.hint(self.samples_emitters, mode="scalar"):
                     if dr.hint(self.model.technique == "emitter", mode="scalar"):
-                        weight_hit = dr.select(prev_delta, 1, 0)
+                        weight_hit = dr.select(is_alone, 1, 0)
                     else:
                         ref = dr.zeros(mi.Interaction3f)
                         ref.p = prev_p
                         ref.time = time
                         ds_hit = mi.DirectionSample3f(scene, si, ref)
-                        pdf_em = self.emitters.pdf(ref, ds_hit, sees_emitter & ~prev_delta, prev_place)
-                        weight_hit = dr.select(prev_delta, 1, power_heuristic(prev_pdf, pdf_em))
+                        pdf_em = self.emitters.pdf(ref, ds_hit, sees_emitter & ~is_alone, prev_place)
+                        weight_hit = dr.select(is_alone, 1, power_heuristic(prev_pdf, pdf_em))
                 emission = emitter.eval(si, sees_emitter)
                 radiance[sees_emitter] = radiance + throughput * weight_hit * emission
 
@@ -206,7 +211,9 @@ class PathKernel:
             active_next &= ~passes_through
             if dr.hint(self.samples_emitters, mode="scalar"):
                 # Emitter sampling: a point on a light; visibility last, and only where it can matter.
-                active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+                active_em = mi.Bool(active_next)
+                if dr.hint(self.model.has_delta, mode="scalar"):
+                    active_em &= mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
                 # It is seen from where the next ray starts, a hair above the surface: then both techniques have the
                 # same directions to find it, and their weights sum to one even where a light touches the surface.
                 reflects = mi.Bool(True)
@@ -268,7 +275,8 @@ class PathKernel:
             else:
                 prev_p[active_next] = next_ray.o
             prev_pdf[active_next] = bs.pdf
-            prev_delta[active_next] = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
+            if dr.hint(self.model.has_delta, mode="scalar"):
+                prev_delta[active_next] = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
             depth[active_next] = depth + 1
 
             # ------------------------------ Stopping ------------------------------

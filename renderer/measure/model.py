@@ -6,6 +6,7 @@ nobody has compiled before: its seed is written into it as a number, which makes
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from dataclasses import asdict, dataclass, fields, replace
@@ -22,23 +23,25 @@ if TYPE_CHECKING:
     from renderer.equation.path import Model
     from renderer.scene.compile import Scene
 
-ROUNDS = 9
-COMPILATIONS = 3
+LAUNCH_SECONDS = 0.15  # short turns: what slows the machine for a while slows all kernels alike
+LEAST_ROUNDS = 9
+COMPILATIONS = 5
 _TOLD = {
     "has_sampleable_emitters": "emitter sampling",
     "has_lens": "a lens",
     "has_transmission": "light through surfaces",
     "has_visible_emitters": "lights that rays hit",
     "needs_time": "time within the shutter",
+    "has_delta": "mirrors and clear glass",
     "has_roulette": "roulette",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class KernelCost:
-    """name: of the kernel. operations: in its code. compile_seconds: code and machine code, nothing cached.
-    render_seconds: of one launch, median. render_ratio: to the lean kernel, median over the rounds; low, high: its
-    quartiles, between which a ratio of 1 says that nothing was measured.
+    """name: of the kernel. operations: in its code. compile_seconds: code and machine code, nothing cached, median.
+    render_seconds: of one launch, median; processor time on a CPU. render_ratio: to the lean kernel, median over the
+    rounds; low, high: its 95 % interval, in which a ratio of 1 says that nothing was measured.
     """
 
     name: str
@@ -64,17 +67,25 @@ def model_costs(scene: Scene, settings: Settings, seconds: float) -> list[Kernel
     if scene.colour == "mono":
         in_rgb = load_scene(scene.source, settings=replace(settings, colour="rgb"), rewrites=scene.rewrites)
         tried.append(("with three channels", in_rgb, lean))
-    compiled = [[_compilation(made, model, 1 + turn) for turn in range(COMPILATIONS)] for _, made, model in tried]
-    lanes = _lanes_for(scene, lean, seconds / ROUNDS)
-    rounds = [[_launch(made, model, lanes) for _, made, model in tried] for _ in range(ROUNDS + 1)][1:]
+    compiled = [[_compilation(made, model, 1 + turn) for _, made, model in tried] for turn in range(COMPILATIONS)]
+    lanes = _lanes_for(scene, lean, LAUNCH_SECONDS)
+    turns = max(LEAST_ROUNDS, round(seconds / LAUNCH_SECONDS))
+    rounds = [[_launch(made, model, lanes) for _, made, model in tried] for _ in range(turns + 1)][1:]
     costs = []
     for i, (name, _, _) in enumerate(tried):
-        ratios = [times[i] / times[0] for times in rounds]
-        low, middle, high = statistics.quantiles(ratios, n=4) if i else (1.0, 1.0, 1.0)
-        operations, compile_seconds = compiled[i][0][0], statistics.median(cost for _, cost in compiled[i])
+        low, middle, high = median_interval([times[i] / times[0] for times in rounds])
+        compile_seconds = statistics.median(turn[i][1] for turn in compiled)
+        operations = compiled[0][i][0]
         render_seconds = statistics.median(times[i] for times in rounds)
         costs.append(KernelCost(name, operations, compile_seconds, render_seconds, middle, low, high))
     return costs
+
+
+def median_interval(values: list[float]) -> tuple[float, float, float]:
+    """The median between the ends of its 95 % interval, by order statistics: no distribution is assumed."""
+    n, ordered = len(values), sorted(values)
+    rank = max(0, math.floor((n - 1.96 * math.sqrt(n)) / 2))
+    return ordered[rank], statistics.median(ordered), ordered[n - 1 - rank]
 
 
 def omissions(lean: Model, full: Model) -> list[str]:
@@ -108,11 +119,13 @@ def _launch(scene: Scene, model: Model, lanes: int) -> float:
     """Seconds of one launch."""
     index = np.arange(lanes, dtype=np.uint32)
     n = scene.width * scene.height
-    began = time.perf_counter()
+    # Other processes on the same cores do not count.
+    clock = time.process_time if scene.variant.startswith("llvm") else time.perf_counter
+    began = clock()
     results = scene.kernel_of(model).launch(index % n, index // n, 1)
     dr.sync_thread()
     del results
-    return time.perf_counter() - began
+    return clock() - began
 
 
 def model_table(scene: Scene, costs: list[KernelCost]) -> Table:
@@ -120,7 +133,7 @@ def model_table(scene: Scene, costs: list[KernelCost]) -> Table:
     lean = costs[0]
     table = Table(title=f"{scene.name}, {scene.width}×{scene.height}, {scene.colour}", title_justify="left")
     table.add_column("kernel")
-    for column in ("operations", "compile s", "saved s", "render ms", "saved", "(quartiles)"):
+    for column in ("operations", "compile s", "saved s", "render ms", "saved", "(95 %)"):
         table.add_column(column, justify="right", no_wrap=True)
     for cost in costs:
         cells = [f"{cost.operations:,}", f"{cost.compile_seconds:.2f}"]

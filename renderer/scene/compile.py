@@ -93,9 +93,10 @@ class Scene:
         from renderer.equation.path import Model
 
         needs = self.requirements
+        depth = settings.max_depth if settings.max_depth is not None else UNLIMITED_DEPTH
         return Model(
             technique=settings.technique,
-            max_depth=settings.max_depth if settings.max_depth is not None else UNLIMITED_DEPTH,
+            max_depth=depth,
             rr_depth=needs.rr_depth,
             replicate_size=settings.replicate_size or 1,
             # On mirrors and clear glass alone, no point on a light can be connected.
@@ -106,6 +107,8 @@ class Scene:
             has_transmission=full or needs.has_transmission,
             has_visible_emitters=full or needs.has_visible_emitters,
             needs_time=full or needs.needs_time,
+            has_delta=full or needs.has_delta,
+            has_roulette=full or depth < 0 or depth > needs.rr_depth,
         )
 
     def kernel(self, settings: Settings) -> PathKernel:

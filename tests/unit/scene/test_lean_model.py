@@ -40,6 +40,10 @@ CASES: dict[str, Any] = {
     "a point light alone": ball({"type": "diffuse"}, lamp=POINT),
     "mirrors alone": ball({"type": "conductor"}, sky={"type": "constant"}),
     "clear glass alone": ball({"type": "dielectric"}, sky={"type": "constant"}),
+    "rough metal of two sides": ball(
+        {"type": "twosided", "bsdf": {"type": "roughconductor", "alpha": 0.1}}, sky={"type": "constant"}, lamp=POINT
+    ),
+    "varnished wood": ball({"type": "roughplastic"}, sky={"type": "constant"}),
 }
 
 
@@ -65,9 +69,11 @@ def test_each_scene_gets_what_it_needs() -> None:
         scene = load_scene(CASES[name], settings=SETTINGS)
         return scene.model(scene.resolved(SETTINGS, 16))
 
-    point, mirrors, glass = (model(name) for name in list(CASES)[2:])
+    point, mirrors, glass = (model(name) for name in list(CASES)[2:5])
     assert (point.has_visible_emitters, point.has_sampleable_emitters, point.has_transmission) == (False, True, False)
     assert (mirrors.has_visible_emitters, mirrors.has_sampleable_emitters) == (True, False)
+    assert (mirrors.has_delta, glass.has_delta) == (True, True)
+    assert (point.has_delta, point.has_roulette) == (False, False)
     assert (glass.has_transmission, glass.has_sampleable_emitters, glass.needs_time) == (True, False, False)
 
 
