@@ -73,9 +73,11 @@ class Drawn:
 
 
 class Lesson:
-    """One pixel of one scene. Raises SettingsError for a pixel outside the picture."""
+    """One pixel of one scene, loaded with colour rgb. Raises SettingsError for a pixel outside the picture."""
 
     def __init__(self, scene: Scene, x: int, y: int) -> None:
+        if scene.colour != "rgb":
+            raise SettingsError(f"colour is {scene.colour!r}; a lesson needs a scene loaded with colour rgb")
         if not (0 <= x < scene.width and 0 <= y < scene.height):
             raise SettingsError(f"pixel ({x}, {y}) is outside the picture of {scene.width}×{scene.height}")
         self.scene, self.x, self.y = scene, x, y

@@ -30,7 +30,7 @@ def _lesson(pixel: Pixel) -> Lesson:
     import renderer
     from renderer.measure.learn import Lesson
 
-    return Lesson(kept_scene(pixel.scene, renderer.Settings()), pixel.x, pixel.y)
+    return Lesson(kept_scene(pixel.scene, renderer.Settings(colour="rgb")), pixel.x, pixel.y)
 
 
 def vertex(pixel: Pixel, n: int) -> dict[str, Any] | Failure:

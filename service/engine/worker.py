@@ -48,7 +48,8 @@ class _Run:
     saving: Future[Saved] | None = None
 
 
-_scenes: OrderedDict[str, Scene] = OrderedDict()
+_scenes: OrderedDict[tuple[str, str], Scene] = OrderedDict()  # by source and colour
+_own_colours: dict[str, str] = {}  # of sources, where none is asked for
 _runs: dict[tuple[str, int], _Run] = {}
 _NICENESS = 10
 # Large estimates take a good part of a second to write: rendering and frames go on meanwhile.
@@ -98,7 +99,7 @@ def warm_up() -> None:
     """Import the renderer, compile and run a small picture, so that the first job need not wait for that."""
     import renderer
 
-    scene = _scenes[WARM_UP_SCENE] = renderer.load_scene(WARM_UP_SCENE)
+    scene = kept_scene(WARM_UP_SCENE, renderer.Settings())
     for _ in renderer.progressive(scene, renderer.Target(error=0.05)):
         break
 
@@ -185,13 +186,18 @@ def kept_scene(source: str, settings: Settings) -> Scene:
     """The compiled scene, from the most recently used ones if it is among them."""
     import renderer
 
-    if source not in _scenes:
+    colour = _own_colours.get(source, "auto") if settings.colour == "auto" else settings.colour
+    if (source, colour) not in _scenes:
         # At its own size: whoever asks for it later may want that one.
-        _scenes[source] = renderer.load_scene(source, settings=replace(settings, width=None, height=None))
+        loaded = renderer.load_scene(source, settings=replace(settings, width=None, height=None))
+        colour = loaded.colour
+        if settings.colour == "auto":
+            _own_colours[source] = colour
+        _scenes[source, colour] = loaded
         while len(_scenes) > _KEPT_SCENES:
             _scenes.popitem(last=False)
-    _scenes.move_to_end(source)
-    return _scenes[source].sized(settings)
+    _scenes.move_to_end((source, colour))
+    return _scenes[source, colour].sized(settings)
 
 
 def _render(run: _Run, turn: Turn) -> tuple[dict[str, float], ...]:

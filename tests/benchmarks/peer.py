@@ -25,6 +25,9 @@ class Peer:
     def __init__(self, scene: renderer.Scene, sampler: str) -> None:
         mi = mitsuba()
         needs = scene.requirements
+        if scene.colour != "rgb":
+            asked = renderer.Settings(scene.width, scene.height, colour="rgb")
+            scene = renderer.load_scene(scene.source, settings=asked)
         self.scene = scene
         description = rewrite.sensor_dict(scene._parsed.state, scene.width, scene.height)
         self.sensor = load_part(scene._parsed, description | {"sampler": {"type": sampler}})

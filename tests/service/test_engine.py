@@ -10,7 +10,9 @@ import time
 import pytest
 from service_process import is_alive
 
+from renderer.settings import Settings
 from service.engine.local import LocalEngine, Lost
+from service.engine.worker import kept_scene
 
 
 def test_a_lost_process_is_told_and_replaced() -> None:
@@ -52,3 +54,10 @@ def test_what_a_call_raises_reaches_the_caller_and_the_process_lives() -> None:
             engine.close()
 
     asyncio.run(scenario())
+
+
+def test_a_kept_scene_is_that_of_the_colour_asked_for() -> None:
+    """A job in another colour before it must not decide what a job without a wish gets."""
+    seen = [kept_scene("furnace", Settings(16, 16, colour=name)) for name in ("spectral", "auto", "rgb", "auto")]
+    assert [scene.colour for scene in seen] == ["spectral", "mono", "rgb", "mono"]
+    assert seen[1].mitsuba_scene is seen[3].mitsuba_scene

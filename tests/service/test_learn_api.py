@@ -22,6 +22,16 @@ def test_the_first_vertex_has_directions_of_every_technique(client: httpx.Client
     assert len(vertex["directions"]["cosine"]["u"]) == 64
 
 
+def test_a_scene_without_colour_has_its_lesson(client: httpx.Client) -> None:
+    furnace = "/api/learn/furnace"
+    at = {"x": 40, "y": 50}
+    assert client.get(furnace, params=at, timeout=60).json()["is_hit"]
+    answer = client.get(f"{furnace}/incident", params=at | {"replicates": 2}, timeout=60)
+    _, planes = decode_frame(answer.content)
+    assert (planes[..., 0] == planes[..., 2]).all(), "grey"
+    assert client.get(f"{furnace}/samples", params=at | {"count": 64}, timeout=60).json()[-1]["mean"] > 0
+
+
 def test_incident_radiance_is_a_frame(client: httpx.Client) -> None:
     answer = client.get("/api/learn/cornell-box/incident", params=AT | {"replicates": 4}, timeout=60)
     header, planes = decode_frame(answer.content)

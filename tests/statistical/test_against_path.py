@@ -28,7 +28,7 @@ SHARED_SCENES = (
     "pool",
 )
 GALLERY = ("cornell-box", "plates", "materials", "glass-sky", "caustic", "many-lights", "gap", "furnace")
-SIZE = renderer.Settings(width=96, height=72)
+SIZE = renderer.Settings(width=96, height=72, colour="rgb")
 PATH_RUNS = 16
 
 
@@ -55,7 +55,7 @@ def path_mean(scene: renderer.Scene, spp: int, seed: int) -> tuple[float, float]
 
 def assert_agrees(source: Any, seed: int) -> None:
     scene = renderer.load_scene(source, settings=SIZE)
-    estimate = renderer.render(scene, renderer.Target(spp=64), renderer.Settings(seed=seed))
+    estimate = renderer.render(scene, renderer.Target(spp=64), renderer.Settings(seed=seed, colour="rgb"))
     ours, our_error = mean_and_error(estimate)
     theirs, their_error = path_mean(scene, 8, seed)
     z = (ours - theirs) / math.hypot(our_error, their_error)

@@ -15,9 +15,9 @@ WIDTH, HEIGHT = 16, 12
 def test_kernel_agrees_with_the_plain_estimator(name: str, depth: int, seed: int) -> None:
     from renderer.equation import oracle
 
-    scene = renderer.load_scene(name, settings=renderer.Settings(WIDTH, HEIGHT))
+    scene = renderer.load_scene(name, settings=renderer.Settings(WIDTH, HEIGHT, colour="rgb"))
     plain, plain_variance = oracle.render(scene.mitsuba_scene, scene.sensor, 1024, depth, seed % 2**20)
-    settings = renderer.Settings(seed=seed, max_depth=depth)
+    settings = renderer.Settings(seed=seed, max_depth=depth, colour="rgb")
     estimate = renderer.render(scene, renderer.Target(spp=256), settings)
     variance = estimate.moments.variance_of_mean()[:, :3].sum(axis=0) + plain_variance.sum(axis=(0, 1))
     difference = estimate.mean.sum(axis=(0, 1)) - plain.sum(axis=(0, 1))

@@ -16,8 +16,8 @@ from .parts import Vector, area_light, camera, rgb, scene, sphere
 
 SIZE = 256
 MAX_DEPTH = 8
-EMITTED: Vector = (0.20, 0.16, 0.12)
-ALBEDO: Vector = (0.75, 0.60, 0.45)
+EMITTED: Vector = (0.16, 0.16, 0.16)
+ALBEDO: Vector = (0.75, 0.75, 0.75)
 
 
 def expected_radiance(max_depth: int) -> Vector:
