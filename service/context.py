@@ -59,7 +59,7 @@ class Service:
             settings, self.jobs, self.engine, self.hub, self.files, lease, self.metrics, self._scene_path
         )
         self.hub.expected_start = self.runner.expected_start
-        self._housekeeping = Housekeeping(settings, self.jobs, self.runner, self.metrics)
+        self._housekeeping = Housekeeping(settings, self.jobs, self.uploads, self.runner, self.metrics)
         self._lock = DataLock(settings.data_dir)
         self._log = structlog.get_logger("service")
 
@@ -70,7 +70,7 @@ class Service:
         await asyncio.to_thread(self.database.create_tables)
         await asyncio.to_thread(self.database.belong_to, self.settings.data_identity())
         self.files.prepare()
-        self.uploads.prepare()
+        await asyncio.to_thread(self.uploads.prepare)
         await self.hub.start()
         await self.runner.start()
         self._housekeeping.start()

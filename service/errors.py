@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.messages import FieldError, Problem
 from service.states import IllegalStep
-from service.store import JobNotFound, KeyUsedOtherwise, StillRunning
+from service.store import JobNotFound, KeyUsedOtherwise, SceneNotFound, SceneStillNeeded, StillRunning
 
 MEDIA_TYPE = "application/problem+json"
 UPLOADS = "/api/scenes"  # the one address that takes long bodies
@@ -112,6 +112,14 @@ async def _on_missing_job(_request: Request, error: Exception) -> JSONResponse:
     return answer(not_found("job", f"{error}.".capitalize()).problem)
 
 
+async def _on_missing_scene(_request: Request, error: Exception) -> JSONResponse:
+    return answer(not_found("scene", f"{error}.".capitalize()).problem)
+
+
+async def _on_needed_scene(_request: Request, error: Exception) -> JSONResponse:
+    return answer(ProblemError(409, "scene-needed", "The scene is still needed", f"{error}.".capitalize()).problem)
+
+
 async def _on_illegal_step(_request: Request, error: Exception) -> JSONResponse:
     detail = f"{error}.".capitalize()
     return answer(ProblemError(409, "wrong-state", "The job is in another state", detail).problem)
@@ -141,6 +149,8 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _on_invalid)
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(JobNotFound, _on_missing_job)
+    app.add_exception_handler(SceneNotFound, _on_missing_scene)
+    app.add_exception_handler(SceneStillNeeded, _on_needed_scene)
     app.add_exception_handler(IllegalStep, _on_illegal_step)
     app.add_exception_handler(StillRunning, _on_illegal_step)
     app.add_exception_handler(KeyUsedOtherwise, _on_key_used_otherwise)

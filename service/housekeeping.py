@@ -1,4 +1,4 @@
-"""What is done from time to time: renew leases, forget old events and jobs."""
+"""What is done from time to time: renew leases, forget old events, jobs and scenes."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from service.runner import Runner
 from service.settings import ServiceSettings
 from service.store import JobNotFound, JobStore, StillRunning
 from service.store.records import iso
+from service.uploads import Uploads
 
 _AT_ONCE = 100
 
@@ -21,9 +22,12 @@ _AT_ONCE = 100
 class Housekeeping:
     """Two tasks that never end by themselves."""
 
-    def __init__(self, settings: ServiceSettings, store: JobStore, runner: Runner, metrics: Metrics) -> None:
+    def __init__(
+        self, settings: ServiceSettings, store: JobStore, uploads: Uploads, runner: Runner, metrics: Metrics
+    ) -> None:
         self._settings = settings
         self._store = store
+        self._uploads = uploads
         self._runner = runner
         self._metrics = metrics
         self._tasks: list[asyncio.Task[None]] = []
@@ -63,8 +67,11 @@ class Housekeeping:
                     with contextlib.suppress(JobNotFound, StillRunning):
                         await self._runner.delete(job_id)
                         forgotten += 1
-        if events or forgotten:
-            self._log.info("old things forgotten", events=events, jobs=forgotten)
+        scenes = 0
+        if self._settings.keep_scenes_days is not None:
+            scenes = await self._uploads.forget_before(self._before(self._settings.keep_scenes_days))
+        if events or forgotten or scenes:
+            self._log.info("old things forgotten", events=events, jobs=forgotten, scenes=scenes)
 
     def _before(self, days: float) -> str:
         return iso(datetime.now(UTC) - timedelta(days=days))

@@ -21,7 +21,7 @@ from renderer.errors import FredholmError
 from service.app import create_app
 from service.data_lock import DataFolderInUse, DataLock
 from service.logs import configure
-from service.protocol import LimitedProtocol
+from service.protocol import protocol_for
 from service.settings import ServiceSettings
 from service.store import Database, DatabaseError
 
@@ -59,7 +59,7 @@ def run(
     app = create_app(settings)
     config = uvicorn.Config(
         app,
-        http=LimitedProtocol,
+        http=protocol_for(settings.request_head_seconds, settings.body_silence_seconds),
         log_config=None,
         access_log=False,
         timeout_graceful_shutdown=_GRACE_SECONDS,

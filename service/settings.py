@@ -51,6 +51,7 @@ class ServiceSettings(BaseSettings):
     max_bundle_bytes: int = Field(default=512 * MEBIBYTE, ge=1024, description="unpacked size of a zip bundle")
     max_bundle_ratio: float = Field(default=200.0, ge=1.0, description="unpacked size / packed size of one file")
     max_scene_bytes: int = Field(default=2048 * MEBIBYTE, ge=MEBIBYTE, description="memory of one loaded scene")
+    max_stored_bytes: int = Field(default=20480 * MEBIBYTE, ge=MEBIBYTE, description="uploaded scenes on disk")
     max_pixels: int = Field(default=3840 * 2160, ge=1, description="pixels of one job's image")
     max_waiting_jobs: int = Field(default=200, ge=1, description="queued jobs; more are refused")
     max_running_jobs: int = Field(default=16, ge=1, description="jobs that share the renderer; others wait")
@@ -65,10 +66,15 @@ class ServiceSettings(BaseSettings):
     heartbeat_seconds: float = Field(default=5.0, gt=0, description="between two renewals of the leases")
     keep_events_days: float = Field(default=7.0, gt=0, description="changes of state that streams can replay")
     keep_jobs_days: float | None = Field(default=None, gt=0, description="ended jobs and their images; for ever")
+    keep_scenes_days: float | None = Field(
+        default=None, gt=0, description="uploaded scenes that no job needs, since they were last uploaded; for ever"
+    )
     upload_deadline_seconds: float = Field(default=30.0, gt=0, description="time to check an uploaded scene")
     crash_limit: int = Field(default=3, ge=1, description="render processes a job may crash before it fails")
     warm_up: bool = Field(default=True, description="compile a small scene at start: the first picture comes sooner")
 
+    request_head_seconds: float = Field(default=10.0, gt=0, description="for the head of a request to arrive")
+    body_silence_seconds: float = Field(default=30.0, gt=0, description="within a body; then the connection is closed")
     ping_seconds: float = Field(default=15.0, gt=0, description="silence after which a stream says that it is well")
 
     log_json: bool = Field(default=False, description="one JSON object per line instead of text")

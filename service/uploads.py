@@ -6,12 +6,14 @@ That process is apart from the one that renders: a scene that crashes it costs n
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import re
 import shutil
 import tempfile
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -23,9 +25,9 @@ from service.engine.local import LocalEngine, Lost
 from service.engine.turn import SceneFacts
 from service.errors import ProblemError
 from service.messages import FieldError
-from service.settings import ServiceSettings
-from service.store import SceneRecord, SceneStore
-from service.store.records import now
+from service.settings import MEBIBYTE, ServiceSettings
+from service.store import SceneNotFound, SceneRecord, SceneStillNeeded, SceneStore
+from service.store.records import iso, now
 
 _REQUIREMENTS = "requirements.json"  # beside the folder of what was uploaded
 _IDLE_SECONDS = 60.0
@@ -44,15 +46,19 @@ class Uploads:
         self._busy = 0
         self._built_in: dict[str, dict[str, Any]] = {}
         self._keeping = asyncio.Lock()
+        self._stored_bytes = 0
         # Unpacked, each may be large, and unpacking keeps a thread busy that others wait for.
         self._at_once = asyncio.Semaphore(_AT_ONCE)
         self._log = structlog.get_logger("service.uploads")
 
     def prepare(self) -> None:
-        """Make the folder of scenes and remove what a killed server left half done."""
+        """Make the folder of scenes and remove what a killed server left half done. Synchronous."""
         self._settings.scenes_dir.mkdir(parents=True, exist_ok=True)
-        for folder in self._settings.scenes_dir.glob(".upload-*"):
-            shutil.rmtree(folder, ignore_errors=True)
+        known = self._store.ids()
+        for folder in self._settings.scenes_dir.iterdir():
+            if folder.name not in known:
+                shutil.rmtree(folder, ignore_errors=True)
+        self._stored_bytes = _size_of(self._settings.scenes_dir)
 
     async def take(self, source: BinaryIO, file_name: str) -> tuple[SceneRecord, bool]:
         """The stored scene, and whether it is new. Raises ProblemError."""
@@ -65,8 +71,11 @@ class Uploads:
             inner = _folder_name(file_name)
             bundle = await asyncio.to_thread(self._unpack, source, file_name, folder / inner)
             scene_id = bundle.digest[:16]
-            if known := await asyncio.to_thread(self._store.get, scene_id):
+            if known := await self._known(scene_id):
                 return known, False
+            size = await asyncio.to_thread(_size_of, folder)
+            if self._stored_bytes + size > self._settings.max_stored_bytes:
+                raise _no_room(size, self._stored_bytes, self._settings.max_stored_bytes)
             path = folder / inner / bundle.scene
             facts = await self._inspect(inspection.inspect_upload, str(path), self._settings.max_scene_bytes)
             if facts.failure is not None:
@@ -88,14 +97,44 @@ class Uploads:
             )
             (folder / _REQUIREMENTS).write_text(json.dumps(facts.requirements | {"name": bundle.name}))
             async with self._keeping:
-                if known := await asyncio.to_thread(self._store.get, scene_id):
+                if known := await self._known(scene_id):
                     return known, False
                 await asyncio.to_thread(_keep, folder, self._settings.scenes_dir / scene_id)
                 await asyncio.to_thread(self._store.add, scene)
+                self._stored_bytes += size
             self._log.info("scene uploaded", scene=scene_id, name=scene.name)
             return scene, True
         finally:
             await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
+
+    async def _known(self, scene_id: str) -> SceneRecord | None:
+        """The scene if it is kept already, which from now on counts as last used now."""
+        if known := await asyncio.to_thread(self._store.get, scene_id):
+            with contextlib.suppress(OSError):
+                await asyncio.to_thread(os.utime, self._settings.scenes_dir / scene_id)
+        return known
+
+    async def remove(self, scene_id: str, client_id: str | None) -> None:
+        """Delete a scene, or the client's upload of it. Raises SceneNotFound, SceneStillNeeded."""
+        folder = self._settings.scenes_dir / scene_id
+        async with self._keeping:
+            if not await asyncio.to_thread(self._store.remove, scene_id, client_id):
+                return
+            # A server that is killed here leaves a folder that the next one removes.
+            self._stored_bytes -= await asyncio.to_thread(_size_of, folder)
+            await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
+        self._log.info("scene deleted", scene=scene_id)
+
+    async def forget_before(self, at: str) -> int:
+        """Delete scenes that no job needs and nobody has uploaded since; how many."""
+        forgotten = 0
+        for scene_id in await asyncio.to_thread(self._store.unneeded_before, at):
+            with contextlib.suppress(OSError, SceneNotFound, SceneStillNeeded):
+                used = (self._settings.scenes_dir / scene_id).stat().st_mtime
+                if iso(datetime.fromtimestamp(used, UTC)) < at:
+                    await self.remove(scene_id, None)
+                    forgotten += 1
+        return forgotten
 
     def requirements(self, scene_id: str) -> dict[str, Any] | None:
         """What an uploaded scene requires, as told when it was taken in; None for scenes of older versions."""
@@ -164,6 +203,24 @@ def _folder_name(file_name: str) -> str:
 def scene_refused(title: str, detail: str) -> ProblemError:
     """422 for an uploaded scene."""
     return ProblemError(422, "scene-refused", title, detail, [FieldError(field="file", message=detail)])
+
+
+def _no_room(size: int, stored: int, limit: int) -> ProblemError:
+    """507: with this scene, too much would be stored."""
+    detail = (
+        f"The scene takes {_say_bytes(size)}, and {_say_bytes(stored)} of the {_say_bytes(limit)} for uploaded scenes "
+        "are taken; delete scenes that are not needed (DELETE /api/scenes/ID), or raise FREDHOLM_MAX_STORED_BYTES."
+    )
+    return ProblemError(507, "no-room", "There is no room for the scene", detail)
+
+
+def _say_bytes(n: int) -> str:
+    return f"{n / MEBIBYTE:.3g} MiB" if n >= MEBIBYTE / 100 else f"{n} bytes"
+
+
+def _size_of(folder: Path) -> int:
+    """Bytes of all files below a folder."""
+    return sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def _keep(folder: Path, target: Path) -> None:

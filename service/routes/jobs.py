@@ -10,9 +10,10 @@ from fastapi import APIRouter, Header, Query, Response
 
 from service.access import OwnJob, ReadableJob, Reader, Submitter, up_to_date
 from service.context import Service, ServiceContext
+from service.errors import refused
 from service.messages import ContinueRequest, Job, JobDetail, JobList, JobRequest
 from service.states import State, Step, after
-from service.store import JobRecord
+from service.store import JobRecord, SceneNotFound
 from service.submission import check_continuation, check_queue, new_job, request_digest
 
 router = APIRouter(prefix="/api/jobs", tags=["jobs"])
@@ -55,7 +56,10 @@ async def submit_job(
     if known is None:
         new = await asyncio.to_thread(new_job, request, caller, service.settings, service.scenes, service.jobs)
         new = replace(new, idempotency_key=idempotency_key, request_digest=digest)
-        job, is_new = await asyncio.to_thread(service.jobs.add, new)
+        try:
+            job, is_new = await asyncio.to_thread(service.jobs.add, new)
+        except SceneNotFound as gone:  # deleted since it was looked up
+            raise refused("scene.id", f"{gone}; upload it first") from None
     else:
         job, is_new = known, False
     answer = await detail(service, job)

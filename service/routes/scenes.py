@@ -17,7 +17,7 @@ from service.messages import Scene
 router = APIRouter(prefix="/api/scenes", tags=["scenes"])
 
 
-@router.post("", status_code=201, responses={200: {"model": Scene}, 413: {}, 422: {}})
+@router.post("", status_code=201, responses={200: {"model": Scene}, 413: {}, 422: {}, 507: {}})
 async def upload_scene(
     file: Annotated[
         UploadFile, File(description="a Mitsuba .xml, the same as .json, or a .zip with one and its files")
@@ -41,6 +41,12 @@ async def upload_scene(
 def list_scenes(service: ServiceContext, caller: Reader) -> list[Scene]:
     """Uploaded scenes, newest first."""
     return [Scene.of(scene, service.uploads.requirements(scene.id)) for scene in service.scenes.newest(caller.scope)]
+
+
+@router.delete("/{scene_id}", status_code=204, responses={404: {}, 409: {}, 422: {}})
+async def delete_scene(scene_id: SceneId, service: ServiceContext, caller: Submitter) -> None:
+    """Delete an uploaded scene that no job needs any more. Who uploaded the same content keeps it."""
+    await service.uploads.remove(scene_id, caller.scope)
 
 
 @router.get("/{scene_id}", responses={404: {}, 422: {}})

@@ -3,7 +3,7 @@
 from service.store.database import Database, DatabaseError
 from service.store.jobs import JobNotFound, JobStore, KeyUsedOtherwise, StillRunning, Superseded
 from service.store.records import EventRecord, JobRecord, NewJob, Progress, SceneRecord
-from service.store.scenes import SceneStore
+from service.store.scenes import SceneNotFound, SceneStillNeeded, SceneStore
 
 __all__ = [
     "Database",
@@ -15,7 +15,9 @@ __all__ = [
     "KeyUsedOtherwise",
     "NewJob",
     "Progress",
+    "SceneNotFound",
     "SceneRecord",
+    "SceneStillNeeded",
     "SceneStore",
     "StillRunning",
     "Superseded",

@@ -23,7 +23,8 @@ from service.store.records import (
     job_from,
     now,
 )
-from service.store.schema import events, jobs
+from service.store.scenes import SceneNotFound
+from service.store.schema import events, jobs, scenes
 
 _WITHOUT_CURVE = [column for column in jobs.columns if column.name != "curve"]
 # A job without any picture goes before one that has waited since a restart.
@@ -64,7 +65,7 @@ class JobStore:
     def add(self, new: NewJob) -> tuple[JobRecord, bool]:
         """Queue a job; with an idempotency key at most once. The job, and whether it is new.
 
-        Raises KeyUsedOtherwise.
+        Raises KeyUsedOtherwise, and SceneNotFound where the scene was deleted meanwhile.
         """
         try:
             if found := self.submitted(new.client_id, new.idempotency_key, new.request_digest):
@@ -91,6 +92,12 @@ class JobStore:
         row = {**asdict(new), "id": secrets.token_hex(6), "state": State.QUEUED, "created_at": now()}
         row |= {"progress": asdict(Progress()), "curve": [], "warnings": list(new.warnings)}
         with self._database.write() as connection:
+            if new.scene_kind == "upload":
+                held = (
+                    select(scenes.c.id).where(scenes.c.id == new.scene_ref).with_for_update(read=True, key_share=True)
+                )
+                if connection.execute(held).first() is None:
+                    raise SceneNotFound(new.scene_ref)
             added = connection.execute(insert(jobs).values(row).returning(jobs)).mappings().one()
             return _record(connection, job_from(added))
 

@@ -4,12 +4,27 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from sqlalchemy import ColumnElement, insert, select
+from sqlalchemy import ColumnElement, delete, func, insert, select
 from sqlalchemy.exc import IntegrityError
 
 from service.store.database import Database
 from service.store.records import SceneRecord, now, scene_from
-from service.store.schema import scene_clients, scenes
+from service.store.schema import jobs, scene_clients, scenes
+
+
+class SceneNotFound(Exception):
+    """There is no such uploaded scene."""
+
+    def __init__(self, scene_id: str) -> None:
+        super().__init__(f"there is no uploaded scene {scene_id!r}")
+
+
+class SceneStillNeeded(Exception):
+    """Jobs are pictures of the scene, or will be."""
+
+    def __init__(self, count: int) -> None:
+        what = "1 job still needs this scene; delete it" if count == 1 else f"{count} jobs need this scene; delete them"
+        super().__init__(f"{what} first")
 
 
 class SceneStore:
@@ -40,6 +55,44 @@ class SceneStore:
     def newest(self, client_id: str | None = None) -> list[SceneRecord]:
         """The scenes of one client or of all, newest first."""
         return self._select(client_id)
+
+    def remove(self, scene_id: str, client_id: str | None = None) -> bool:
+        """Forget a scene; with a client: its own upload of it. Whether nobody holds the content any more.
+
+        Raises SceneNotFound, SceneStillNeeded.
+        """
+        needing = select(func.count()).where(jobs.c.scene_kind == "upload", jobs.c.scene_ref == scene_id)
+        held = select(func.count()).where(scene_clients.c.scene_id == scene_id)
+        grants = delete(scene_clients).where(scene_clients.c.scene_id == scene_id)
+        is_own, needing_own = held, needing
+        if client_id is not None:
+            is_own = held.where(scene_clients.c.client_id == client_id)
+            needing_own = needing.where(jobs.c.client_id == client_id)
+            grants = grants.where(scene_clients.c.client_id == client_id)
+        with self._database.write() as connection:
+            # Locked against those who queue a job of it at this moment.
+            known = connection.execute(select(scenes.c.id).where(scenes.c.id == scene_id).with_for_update()).first()
+            if known is None or (client_id is not None and not connection.execute(is_own).scalar_one()):
+                raise SceneNotFound(scene_id)
+            if count := connection.execute(needing_own).scalar_one():
+                raise SceneStillNeeded(count)
+            connection.execute(grants)
+            if connection.execute(held).scalar_one() or connection.execute(needing).scalar_one():
+                return False
+            connection.execute(delete(scenes).where(scenes.c.id == scene_id))
+            return True
+
+    def unneeded_before(self, at: str) -> list[str]:
+        """Ids of scenes taken in before `at` that no job refers to."""
+        refers = select(jobs.c.id).where(jobs.c.scene_kind == "upload", jobs.c.scene_ref == scenes.c.id)
+        query = select(scenes.c.id).where(scenes.c.created_at < at, ~refers.exists())
+        with self._database.read() as connection:
+            return list(connection.execute(query).scalars())
+
+    def ids(self) -> set[str]:
+        """All of them."""
+        with self._database.read() as connection:
+            return set(connection.execute(select(scenes.c.id)).scalars())
 
     def _select(self, client_id: str | None, *conditions: ColumnElement[bool]) -> list[SceneRecord]:
         columns = list(scenes.columns)

@@ -33,6 +33,7 @@ NEEDED = {
     "GET /api/scenes": 1,
     "POST /api/scenes": 2,
     "GET /api/scenes/{scene_id}": 1,
+    "DELETE /api/scenes/{scene_id}": 2,
     "GET /api/jobs": 1,
     "POST /api/jobs": 2,
     "GET /api/jobs/{job_id}": 1,
@@ -208,6 +209,14 @@ def test_uploaded_scenes_are_seen_by_who_uploaded_them(keyed: tuple[Server, dict
     assert ask(keyed, "submit", "GET", f"/api/scenes/{scene_id}").json()["name"] == "mine"
     assert ask(keyed, "read", "GET", "/api/scenes").json() == []
     assert ask(keyed, "read", "GET", f"/api/scenes/{scene_id}").status_code == 404
+    # Who deletes an upload leaves the other's alone, and the last one takes the content along.
+    address = f"/api/scenes/{scene_id}"
+    assert [ask(keyed, "submit", "DELETE", address).status_code for _ in range(2)] == [204, 404]
+    assert ask(keyed, "bob", "GET", address).json()["name"] == "also-mine"
+    assert (keyed[0].data_dir / "scenes" / scene_id).is_dir()
+    assert ask(keyed, "bob", "DELETE", address).status_code == 204
+    assert ask(keyed, "admin", "GET", address).status_code == 404
+    assert not (keyed[0].data_dir / "scenes" / scene_id).exists()
 
 
 def test_a_browser_keeps_its_key_in_a_cookie_that_scripts_cannot_read(keyed: tuple[Server, dict[str, str]]) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import json
 import socket
+import time
 from collections.abc import Callable
 from typing import Any
 
 import httpx
 import pytest
-from service_process import Server
+from event_stream import EventStream
+from service_process import PLAIN_SCENE, Server
 
 BOX: dict[str, Any] = {"scene": {"gallery": "cornell-box"}, "target": {"spp": 4}}
 
@@ -51,6 +53,55 @@ def test_what_is_hardly_http_is_refused(server: Server, what: str) -> None:
     assert problem["status"] == status
     assert problem["title"]
     assert httpx.get(f"{server.url}/healthz").status_code == 200
+
+
+def test_nobody_is_waited_for_for_ever(own_server: Server) -> None:
+    own_server.environment |= {"FREDHOLM_REQUEST_HEAD_SECONDS": "1", "FREDHOLM_BODY_SILENCE_SECONDS": "1"}
+    own_server.start()
+
+    def connected() -> socket.socket:
+        return socket.create_connection(("127.0.0.1", own_server.port), timeout=20)
+
+    def until_closed(connection: socket.socket) -> tuple[float, bytes]:
+        began, answer = time.monotonic(), b""
+        with connection, contextlib.suppress(OSError):
+            while chunk := connection.recv(1 << 16):
+                answer += chunk
+        return time.monotonic() - began, answer
+
+    # A head that comes in drops: each of them is in time, all of them are not.
+    drops = connected()
+    for byte in b"GET /healthz HTTP/1.1\r\nHost: loc"[:20]:
+        with contextlib.suppress(OSError):
+            drops.sendall(bytes([byte]))
+            time.sleep(0.1)
+    took, answer = until_closed(drops)
+    assert answer.startswith(b"HTTP/1.1 408 Request Timeout")
+    assert json.loads(answer.partition(b"\r\n\r\n")[2])["status"] == 408
+    assert took < 5
+
+    # Nothing at all, on a new connection and after an answer, and a body that never ends.
+    silent, again, unending = connected(), connected(), connected()
+    again.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    unending.sendall(LINE + b"Content-Type: application/json\r\nContent-Length: 90\r\n\r\n{")
+    assert until_closed(silent)[0] < 5
+    assert until_closed(again)[1].startswith(b"HTTP/1.1 200")
+    assert until_closed(unending)[0] < 5
+
+    # A stream that says nothing for longer than that stays open, and so does an upload that goes on.
+    with EventStream(own_server.url) as stream:
+        part = PLAIN_SCENE.encode()
+        head = b'--x\r\nContent-Disposition: form-data; name="file"; filename="a.xml"\r\n\r\n'
+        body = head + part + b"\r\n--x--\r\n"
+        slow = connected()
+        slow.sendall(b"POST /api/scenes HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n")
+        slow.sendall(b"Content-Type: multipart/form-data; boundary=x\r\nContent-Length: %d\r\n\r\n" % len(body))
+        for start in range(0, len(body), len(body) // 5):
+            slow.sendall(body[start : start + len(body) // 5])
+            time.sleep(0.4)
+        assert until_closed(slow)[1].startswith(b"HTTP/1.1 201")
+        assert not stream.is_over.is_set()
+    assert "Traceback" not in own_server.log_path.read_text()
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,8 +19,9 @@ from service.housekeeping import Housekeeping
 from service.metrics import Metrics
 from service.settings import ServiceSettings
 from service.states import Step
-from service.store import Database, JobNotFound, JobStore, NewJob
+from service.store import Database, JobNotFound, JobStore, NewJob, SceneRecord, SceneStore
 from service.store.schema import events, jobs
+from service.uploads import Uploads
 
 NEW = NewJob("Box", "gallery", "cornell-box", "Box", {"spp": 1}, {"width": 4})
 
@@ -108,13 +110,33 @@ def test_old_jobs_and_events_are_forgotten(database_url: str) -> None:
         connection.execute(update(events).where(events.c.job_id == ids[2]).values(at=old))
     deleter = Deleter(store)
     settings = ServiceSettings(keep_jobs_days=30)
-    keeper = Housekeeping(settings, store, cast(Any, deleter), Metrics())
+    keeper = Housekeeping(settings, store, Uploads(settings, SceneStore(database)), cast(Any, deleter), Metrics())
     asyncio.run(keeper.forget_old())
     assert deleter.deleted == [ids[0]]
     with pytest.raises(JobNotFound):
         store.get(ids[0])
     assert {event.job_id for event in store.events_after(0, 100)} == {ids[0], ids[1]}
     assert store.get(ids[2]).id == ids[2]
+    database.close()
+
+
+def test_old_scenes_are_forgotten_unless_used_since(database_url: str, tmp_path: Path) -> None:
+    database = Database(database_url)
+    database.create_tables()
+    store = SceneStore(database)
+    settings = ServiceSettings(data_dir=tmp_path, keep_scenes_days=30)
+    old = "2001-01-01T00:00:00.000Z"
+    for name in ("unused", "needed", "again"):
+        store.add(SceneRecord(name, "n", f"{name}/scene.xml", 4, 3, "d", (), old))
+        folder = settings.scenes_dir / name
+        folder.mkdir(parents=True)
+        os.utime(folder, (0, time.time() if name == "again" else 1e9))
+    JobStore(database).add(replace(NEW, scene_kind="upload", scene_ref="needed"))
+    uploads = Uploads(settings, store)
+    keeper = Housekeeping(settings, JobStore(database), uploads, cast(Any, None), Metrics())
+    asyncio.run(keeper.forget_old())
+    assert store.ids() == {"needed", "again"}
+    assert sorted(folder.name for folder in settings.scenes_dir.iterdir()) == ["again", "needed"]
     database.close()
 
 

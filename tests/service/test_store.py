@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import subprocess
 import sys
 import threading
@@ -21,7 +23,9 @@ from service.store import (
     KeyUsedOtherwise,
     NewJob,
     Progress,
+    SceneNotFound,
     SceneRecord,
+    SceneStillNeeded,
     SceneStore,
     StillRunning,
     Superseded,
@@ -172,6 +176,59 @@ def test_scenes_read_back(database: Database) -> None:
     assert store.get("id") == scene
     assert store.newest() == [scene]
     assert store.get("other") is None
+
+
+SCENE = SceneRecord("id", "n", "id/scene.xml", 4, 3, "d", (), "2026-01-01T00:00:00.000Z")
+OF_SCENE = replace(NEW, scene_kind="upload", scene_ref="id")
+
+
+def test_a_scene_stays_while_a_job_needs_it(database: Database, jobs: JobStore) -> None:
+    store = SceneStore(database)
+    with pytest.raises(SceneNotFound):
+        jobs.add(OF_SCENE)
+    store.add(SCENE)
+    store.grant("id", "alice", "a")
+    store.grant("id", "bob", "b")
+    job, _ = jobs.add(replace(OF_SCENE, client_id="alice"))
+    assert store.unneeded_before(LATER) == []
+    for client_id in ("alice", None):
+        with pytest.raises(SceneStillNeeded, match="1 job"):
+            store.remove("id", client_id)
+    assert not store.remove("id", "bob"), "alice has it still"
+    with pytest.raises(SceneNotFound):
+        store.remove("id", "bob")
+    jobs.delete(job.id)
+    assert (store.unneeded_before(LATER), store.unneeded_before("2001-01-01T00:00:00.000Z")) == (["id"], [])
+    assert store.remove("id", "alice")
+    assert (store.get("id"), store.ids()) == (None, set())
+
+
+def test_no_job_is_queued_of_a_scene_that_is_deleted_at_that_moment(database: Database, jobs: JobStore) -> None:
+    store = SceneStore(database)
+    told: list[str] = []
+
+    def submit() -> None:
+        try:
+            told.append(jobs.add(OF_SCENE)[0].id)
+        except SceneNotFound:
+            told.append("refused")
+
+    def remove() -> None:
+        with contextlib.suppress(SceneNotFound, SceneStillNeeded):
+            store.remove("id")
+
+    for _ in range(20):
+        store.add(SCENE)
+        told.clear()
+        turns = itertools.cycle((submit, remove))
+        in_threads(4, lambda turns=turns: next(turns)())
+        queued = [name for name in told if name != "refused"]
+        assert len(told) == 2
+        assert (store.get("id") is not None) >= bool(queued), "a job without its scene"
+        for job_id in queued:
+            jobs.delete(job_id)
+        if store.get("id"):
+            store.remove("id")
 
 
 def test_a_deleted_job_leaves_one_event_and_nothing_else(jobs: JobStore) -> None:

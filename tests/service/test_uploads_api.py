@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import random
 import signal
 import time
 import zipfile
@@ -94,6 +95,48 @@ def test_the_same_content_is_the_same_scene(client: httpx.Client) -> None:
     first, second = upload(client, "a.xml", content), upload(client, "b.xml", content)
     assert (first.status_code, second.status_code) == (201, 200)
     assert first.json() == second.json()
+
+
+def test_a_scene_is_deleted_once_no_job_needs_it(server: Server, client: httpx.Client) -> None:
+    content = PLAIN_SCENE.replace("0.4", "0.28")
+    scene_id = upload(client, "a.xml", content).json()["id"]
+    address, folder = f"/api/scenes/{scene_id}", server.data_dir / "scenes" / scene_id
+    job = server.wait_ended(server.submit({"spp": 4}, {}, id=scene_id)["id"])
+    needed = client.delete(address)
+    assert (needed.status_code, needed.headers["Content-Type"]) == (409, "application/problem+json")
+    assert "1 job still needs this scene" in needed.json()["detail"]
+    assert folder.is_dir()
+    assert client.delete(f"/api/jobs/{job['id']}").status_code == 204
+    assert [client.delete(address).status_code for _ in range(2)] == [204, 404]
+    assert not folder.exists()
+    body = {"scene": {"id": scene_id}, "target": {"spp": 4}}
+    assert "upload it first" in client.post("/api/jobs", json=body).json()["detail"]
+    assert upload(client, "a.xml", content).status_code == 201
+
+
+def test_uploads_stop_where_the_room_for_them_ends(own_server: Server) -> None:
+    own_server.environment |= {"FREDHOLM_MAX_STORED_BYTES": str(2**20), "FREDHOLM_WARM_UP": "0"}
+    own_server.start()
+    (own_server.data_dir / "scenes" / "left-by-a-kill").mkdir()
+    noise = random.Random(1)
+
+    def large(n: int) -> bytes:
+        mesh = OBJ + "".join(f"# {noise.randbytes(300).hex()}\n" for _ in range(n))
+        return zipped(**{"scene.xml": WITH_MESH, "meshes/a.obj": mesh})
+
+    with httpx.Client(base_url=own_server.url) as client:
+        assert upload(client, "small.zip", large(1000)).status_code == 201
+        refused = upload(client, "large.zip", large(1500))
+        assert (refused.status_code, refused.headers["Content-Type"]) == (507, "application/problem+json")
+        for part in ("FREDHOLM_MAX_STORED_BYTES", "of the 1 MiB", "0.8"):
+            assert part in refused.json()["detail"]
+        (first,) = client.get("/api/scenes").json()
+        own_server.kill()
+        own_server.start(port=own_server.port)
+        assert [one.name for one in (own_server.data_dir / "scenes").iterdir()] == [first["id"]]
+        assert upload(client, "large.zip", large(1500)).status_code == 507, "what is stored is known after a start"
+        assert client.delete(f"/api/scenes/{first['id']}").status_code == 204
+        assert upload(client, "large.zip", large(1500)).status_code == 201
 
 
 def test_a_zip_with_a_mesh_is_taken_and_rendered(server: Server, client: httpx.Client) -> None:
