@@ -76,6 +76,17 @@ def _refuse_old_llvm() -> None:
         )
 
 
+def _limit_threads() -> None:
+    """`FREDHOLM_THREADS`: how many threads kernels run on; one per processor by default. No bit depends on it."""
+    import drjit as dr
+
+    if (asked := os.environ.get("FREDHOLM_THREADS")) is None:
+        return
+    if not re.fullmatch(r"[1-9]\d{0,3}", asked):
+        raise BackendError(f"FREDHOLM_THREADS is {asked!r}; give a number from 1 on, or leave it out to use all")
+    dr.set_thread_count(int(asked))
+
+
 @cache
 def _mitsuba() -> ModuleType:
     """The `mitsuba` module with a working variant set: `FREDHOLM_VARIANT` if given, else CUDA, else LLVM.
@@ -92,6 +103,7 @@ def _mitsuba() -> ModuleType:
         variant = str(mi.variant())
         if not variant.startswith(("llvm_ad_", "cuda_ad_")) or "polarized" in variant:
             raise BackendError(f"the Mitsuba variant {variant} is set; choose llvm_ad_rgb or cuda_ad_rgb")
+        _limit_threads()
         return mi
     asked = os.environ.get("FREDHOLM_VARIANT")
     if asked is not None and (
@@ -104,6 +116,7 @@ def _mitsuba() -> ModuleType:
         backend = dr.JitBackend.CUDA if variant.startswith("cuda") else dr.JitBackend.LLVM
         if dr.has_backend(backend):
             mi.set_variant(variant)
+            _limit_threads()
             mi.set_log_level(mi.LogLevel.Error)
             return mi
     if asked and asked.startswith("cuda"):

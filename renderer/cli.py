@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import sys
@@ -140,6 +141,9 @@ def render(
         str, typer.Option(help="Rewrites of the scene to leave out, for comparison: similarity, flat faces, …")
     ] = "",
     resume: Annotated[Path | None, typer.Option(help="Go on from this EXR (same scene, settings and seed).")] = None,
+    threads: Annotated[
+        int | None, typer.Option(min=1, max=9999, help="Of the processor; all by default.", envvar="FREDHOLM_THREADS")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one last line of JSON.")] = False,
 ) -> None:
     """Render a scene until the first of the given limits; 5 % error where none is given.
@@ -153,6 +157,8 @@ def render(
 
     Ctrl-C saves what there is. Exit codes: 0 done, 2 bad input, 130 interrupted (the image is saved).
     """
+    if threads is not None:
+        os.environ["FREDHOLM_THREADS"] = str(threads)
     width, height = parse_size(size) if size else (None, None)
     settings = Settings(width, height, seed, max_depth, technique, replicate_size, colour, adaptive, _names(channels))
     is_open = spp is None and error is None and time_limit is None

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from service.messages import Deleted, Job, JobDetail, Problem, ProgressMessage, Scene
-from service.states import ENDED
+from service.states import ENDED, State
 
 _TRIES = 6
 _FIRST_PAUSE_SECONDS, _LONGEST_PAUSE_SECONDS = 0.2, 15.0
@@ -93,9 +93,11 @@ class Client:
         """One job as it is now."""
         return JobDetail.model_validate(self._json("GET", f"/api/jobs/{job_id}"))
 
-    def jobs(self, limit: int = 100) -> list[Job]:
-        """The newest jobs."""
-        return [Job.model_validate(one) for one in self._json("GET", f"/api/jobs?limit={limit}")["jobs"]]
+    def jobs(self, limit: int = 100, *states: State, before: str | None = None) -> list[Job]:
+        """The newest jobs: those in one of `states`, or all; older than the job `before`, or from now on."""
+        query = [("limit", limit), *(("state", state) for state in states), *([("before", before)] if before else [])]
+        path = f"/api/jobs?{urllib.parse.urlencode(query)}"
+        return [Job.model_validate(one) for one in self._json("GET", path)["jobs"]]
 
     def pause(self, job_id: str) -> JobDetail:
         """Take a job from the renderer until it is resumed."""

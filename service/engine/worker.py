@@ -7,6 +7,7 @@ moment: every call carries what is needed to begin again from the last saved est
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import faulthandler
 import logging
 import math
@@ -52,6 +53,8 @@ _scenes: OrderedDict[tuple[str, str], Scene] = OrderedDict()  # by source and co
 _own_colours: dict[str, str] = {}  # of sources, where none is asked for
 _runs: dict[tuple[str, int], _Run] = {}
 _NICENESS = 10
+_TRIM_SECONDS = 30.0
+_trimmed = 0.0  # when the heap was trimmed, on the monotonic clock
 # Large estimates take a good part of a second to write: rendering and frames go on meanwhile.
 _writer = ThreadPoolExecutor(1, thread_name_prefix="save")
 
@@ -134,7 +137,20 @@ def advance(turn: Turn) -> TurnResult:
         return TurnResult(failure=failure_of(error))
     if is_over:
         del _runs[key]
+    _trim_heap()
     return result
+
+
+def _trim_heap() -> None:
+    """Now and then give the system back what freed arrays have left in the heap: glibc keeps it, and over hours the
+    process would look as if it leaked.
+    """
+    global _trimmed
+    if time.monotonic() - _trimmed < _TRIM_SECONDS:
+        return
+    _trimmed = time.monotonic()
+    with contextlib.suppress(AttributeError, OSError):  # another C library
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def retire(turn: Turn) -> TurnResult:

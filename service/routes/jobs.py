@@ -13,7 +13,7 @@ from service.context import Service, ServiceContext
 from service.errors import refused
 from service.messages import ContinueRequest, Job, JobDetail, JobList, JobRequest
 from service.states import State, Step, after
-from service.store import JobRecord, SceneNotFound
+from service.store import JobNotFound, JobRecord, SceneNotFound
 from service.submission import check_continuation, check_queue, new_job, request_digest
 
 router = APIRouter(prefix="/api/jobs", tags=["jobs"])
@@ -72,11 +72,21 @@ async def submit_job(
     return answer
 
 
-@router.get("", response_model=JobList)
-def list_jobs(service: ServiceContext, caller: Reader, limit: Annotated[int, Query(ge=1, le=1000)] = 100) -> Response:
-    """The newest jobs, newest first, without their curves."""
+@router.get("", response_model=JobList, responses={422: {}})
+def list_jobs(
+    service: ServiceContext,
+    caller: Reader,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    state: Annotated[list[State], Query(description="only jobs in these states")] = [],  # noqa: B006 - FastAPI copies it
+    before: Annotated[str | None, Query(description="id of a job: only older ones", max_length=64)] = None,
+) -> Response:
+    """The newest jobs, newest first, without their curves; with `before` the last one's id, those after it."""
     places = places_of(service)
-    jobs = [up_to_date(service, job) for job in service.jobs.newest(limit, caller.scope)]
+    try:
+        found = service.jobs.newest(limit, caller.scope, states=state, before=before)
+    except JobNotFound as missing:
+        raise refused("before", f"{missing}; give the id of a job in the list") from None
+    jobs = [up_to_date(service, job) for job in found]
     starts = {job.id: service.runner.expected_start(places.get(job.id)) for job in jobs}
     told = [Job.of(job, queue_position=places.get(job.id), expected_start=starts[job.id]) for job in jobs]
     # As text at once: checking what has just been checked took half of the time of a long list.

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from sqlalchemy import Connection, delete, func, insert, select, update
+from sqlalchemy import Connection, delete, func, insert, select, true, update
 from sqlalchemy.exc import IntegrityError
 
 from service.dispatch import Waiting, start_order
@@ -106,12 +106,28 @@ class JobStore:
         with self._database.read() as connection:
             return _one(connection, job_id)
 
-    def newest(self, limit: int, client_id: str | None = None) -> list[JobRecord]:
-        """The newest jobs, of one client or of all, newest first, without curves."""
-        query = select(*_WITHOUT_CURVE).order_by(jobs.c.number.desc()).limit(limit)
-        if client_id is not None:
-            query = query.where(jobs.c.client_id == client_id)
+    def newest(
+        self,
+        limit: int,
+        client_id: str | None = None,
+        *,
+        states: Collection[State] = (),
+        before: str | None = None,
+    ) -> list[JobRecord]:
+        """The newest jobs, of one client or of all, newest first, without curves.
+
+        states: only jobs in one of these; any if empty. before: only jobs older than this one. Raises JobNotFound.
+        """
+        is_own = true() if client_id is None else jobs.c.client_id == client_id
+        query = select(*_WITHOUT_CURVE).where(is_own).order_by(jobs.c.number.desc()).limit(limit)
+        if states:
+            query = query.where(jobs.c.state.in_(states))
         with self._database.read() as connection:
+            if before is not None:
+                number = connection.execute(select(jobs.c.number).where(is_own, jobs.c.id == before)).scalar()
+                if number is None:
+                    raise JobNotFound(before)
+                query = query.where(jobs.c.number < number)
             return [job_from(row) for row in connection.execute(query).mappings()]
 
     def queue(self) -> list[Waiting]:

@@ -1,10 +1,11 @@
 """`make load`: a real service on loopback under more clients than it will ever like, measured in one run.
 
-    python -m tests.load [--minutes M] [--database URL] [--json FILE]
+    python -m tests.load [--minutes M] [--threads N] [--database URL] [--json FILE]
 
 First one big job alone, which tells how fast this machine renders; then 200 jobs of which most wait, 50 open event
 streams, 20 clients that poll frames twice a second, and one that asks all kinds of things; then ten big jobs and, again
-and again, a small new one. The load comes from the same machine, so what it costs is in the figures too.
+and again, a small new one. The load comes from the same machine: what it takes from a renderer that uses all of it is
+in the figures too. With fewer `--threads` for the renderer there is room for the others, as on a server of its own.
 """
 
 from __future__ import annotations
@@ -128,9 +129,10 @@ class Memory:
 
 
 async def end_all(client: httpx.AsyncClient) -> None:
-    for job in (await client.get("/api/jobs", params={"limit": 1000})).json()["jobs"]:
-        if job["state"] in ("queued", "running", "paused"):
-            await client.post(f"/api/jobs/{job['id']}/cancel", timeout=60)
+    for state in ("queued", "running"):
+        while some := await listed(client, state):
+            for job in some:
+                await client.post(f"/api/jobs/{job['id']}/cancel", timeout=60)
 
 
 async def watch_stream(url: str, told: list[int]) -> None:
@@ -171,7 +173,7 @@ async def measure(server: Server, minutes: float) -> dict[str, Any]:
 
         for _ in range(JOBS - 1):
             await client.post("/api/jobs", json=body_of({"seconds": 3600}, BIG))
-        while len(running := [job for job in await listed(client) if job["frame_seq"] > 0]) < 16:
+        while len(running := [job for job in await listed(client, "running") if job["frame_seq"] > 0]) < 16:
             await asyncio.sleep(0.2)
         answers, told = Answers(), [0]
         shown = [job["id"] for job in running]
@@ -188,7 +190,7 @@ async def measure(server: Server, minutes: float) -> dict[str, Any]:
         for task in [*tasks, watching]:
             with contextlib.suppress(asyncio.CancelledError):
                 await task
-        waiting = sum(1 for job in await listed(client) if job["state"] == "queued")
+        waiting = len(await listed(client, "queued"))
         await end_all(client)
 
         for _ in range(10):
@@ -216,8 +218,8 @@ async def measure(server: Server, minutes: float) -> dict[str, Any]:
 
 
 async def listed(client: httpx.AsyncClient, state: str | None = None) -> list[dict[str, Any]]:
-    jobs = (await client.get("/api/jobs", params={"limit": 1000})).json()["jobs"]
-    return [job for job in jobs if state in (None, job["state"])]
+    params = {"limit": 1000} | ({"state": state} if state else {})
+    return (await client.get("/api/jobs", params=params)).json()["jobs"]
 
 
 async def first_preview(client: httpx.AsyncClient) -> float:
@@ -261,11 +263,14 @@ def main() -> None:
     parser.add_argument(
         "--minutes", type=float, default=1.0, help="of load (from 5 on, memory tells whether it is stable)"
     )
+    parser.add_argument("--threads", type=int, help="of the renderer; one per processor by default")
     parser.add_argument("--database", help="URL; SQLite by default")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="fredholm-load-") as folder:
         environment = {"FREDHOLM_MAX_WAITING_JOBS": "1000", "FREDHOLM_LOG_LEVEL": "info"}
+        if given.threads:
+            environment["FREDHOLM_THREADS"] = str(given.threads)
         if given.database:
             environment["FREDHOLM_DATABASE_URL"] = given.database
         server = Server(Path(folder) / "data", environment).start()

@@ -13,6 +13,7 @@ from service_process import PLAIN_SCENE, SMALL, Server
 import renderer
 from service.client import Client, ServiceError, ServiceUnreachable
 from service.messages import ProgressMessage
+from service.states import State
 
 
 def test_submit_watch_download(server: Server, tmp_path: Path) -> None:
@@ -26,6 +27,8 @@ def test_submit_watch_download(server: Server, tmp_path: Path) -> None:
     assert client.download(job.id, tmp_path / "box.png").read_bytes().startswith(b"\x89PNG")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["box.exr", "box.png"]
     assert job.id in [one.id for one in client.jobs()]
+    assert job.id not in [one.id for one in client.jobs(10, State.PAUSED, State.FAILED)]
+    assert job.id not in [one.id for one in client.jobs(before=job.id)]
     more = client.go_on(job.id, spp=int(estimate.spp) + 64)
     assert client.wait(more.id).stopped_by == "spp"
     client.delete(job.id)

@@ -158,6 +158,22 @@ def test_several_jobs_all_get_pictures_and_end(server: Server) -> None:
     assert [server.cancel(job_id).json()["state"] for job_id in jobs] == ["cancelled"] * 3
 
 
+def test_the_list_of_jobs_is_filtered_by_state_and_goes_on_where_it_ended(
+    client: httpx.Client, finished: dict[str, Any]
+) -> None:
+    ask = {"limit": 1, "state": ["succeeded", "failed"]}
+    first = client.get("/api/jobs", params=ask).json()["jobs"][0]
+    older = client.get("/api/jobs", params=ask | {"before": first["id"], "limit": 1000}).json()["jobs"]
+    assert {job["state"] for job in [first, *older]} <= {"succeeded", "failed"}
+    assert finished["id"] in [job["id"] for job in [first, *older]]
+    assert first["id"] not in [job["id"] for job in older]
+    assert client.get("/api/jobs", params={"state": "paused", "limit": 1000}).json()["jobs"] == []
+    for bad, told in (({"state": "asleep"}, "paused"), ({"before": "nobody"}, "there is no job 'nobody'")):
+        refused = client.get("/api/jobs", params=bad)
+        assert (refused.status_code, refused.headers["Content-Type"]) == (422, "application/problem+json")
+        assert told in refused.text
+
+
 def test_jobs_are_listed_newest_first_without_curves(server: Server, client: httpx.Client) -> None:
     ids = [server.wait_ended(server.submit({"spp": 4})["id"])["id"] for _ in range(2)]
     listed = client.get("/api/jobs", params={"limit": 2}).json()["jobs"]

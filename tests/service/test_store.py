@@ -74,6 +74,24 @@ def test_a_job_reads_back_as_it_was_added(jobs: JobStore) -> None:
     assert (found.state, found.name, found.settings) == (State.QUEUED, "Box", {"width": 4})
 
 
+def test_a_long_list_is_read_page_by_page_and_state_by_state(jobs: JobStore) -> None:
+    added = [jobs.add(replace(NEW, client_id="ab"[i % 2]))[0].id for i in range(7)]
+    started = jobs.claim()
+    assert started is not None
+    pages, before = [], None
+    while page := [job.id for job in jobs.newest(3, before=before)]:
+        pages.append(page)
+        before = page[-1]
+    assert [len(page) for page in pages] == [3, 3, 1]
+    assert [one for page in pages for one in page] == added[::-1]
+    assert [job.id for job in jobs.newest(9, states=[State.RUNNING])] == [started.id] == added[:1]
+    assert [job.id for job in jobs.newest(9, states=[State.RUNNING, State.QUEUED])] == added[::-1]
+    assert [job.id for job in jobs.newest(9, "a", before=added[4])] == [added[2], added[0]]
+    for unknown in ("none", added[1]):  # the second is of another client
+        with pytest.raises(JobNotFound):
+            jobs.newest(9, "a", before=unknown)
+
+
 def test_an_unknown_job_is_told(jobs: JobStore) -> None:
     with pytest.raises(JobNotFound, match="no job 'nope'"):
         jobs.get("nope")

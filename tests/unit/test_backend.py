@@ -51,6 +51,16 @@ def test_an_unknown_variant_is_refused_with_the_known_ones() -> None:
     assert "llvm_ad_rgb" in done.stdout
 
 
+def test_kernels_run_on_as_many_threads_as_asked_for() -> None:
+    code = (
+        "from renderer.backend import mitsuba; from renderer.errors import BackendError; import drjit as dr\n"
+        "try: print(mitsuba().variant() and dr.thread_count())\nexcept BackendError as e: print(e)"
+    )
+    assert run(code, FREDHOLM_THREADS="3").stdout.split() == ["3"]
+    for bad in ("0", "many", "-2", "1e3", ""):
+        assert f"FREDHOLM_THREADS is {bad!r}; give a number from 1 on" in run(code, FREDHOLM_THREADS=bad).stdout
+
+
 def test_the_libllvm_that_is_found_is_a_file() -> None:
     found = find_llvm()
     assert found is None or Path(found).is_file()

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from renderer import cli
@@ -231,6 +232,15 @@ def test_a_rewrite_is_left_out_on_request_and_the_image_says_so(fredholm: type[C
     assert fredholm("render", *TINY, "--spp", "1", "-o", "left.exr", "--without", "similarity, flat faces").code == 0
     whole, left = (Estimate.read(f"{name}.exr").identity.scene for name in ("whole", "left"))
     assert whole != left
+
+
+def test_the_number_of_threads_changes_no_bit(tmp_path: Path) -> None:
+    for threads in (1, 3):
+        command = [sys.executable, "-m", "renderer.cli", "render", *TINY, "--spp", "64", "--threads", str(threads)]
+        subprocess.run([*command, "-o", tmp_path / f"{threads}.exr"], cwd=ROOT, check=True)
+    one, three = (Estimate.read(tmp_path / f"{threads}.exr") for threads in (1, 3))
+    assert np.array_equal(one.moments.mean, three.moments.mean)
+    assert np.array_equal(one.moments.m2, three.moments.m2)
 
 
 def test_without_json_standard_output_stays_empty(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:
