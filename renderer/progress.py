@@ -151,6 +151,7 @@ class _Render:
         self.channels = dict(start.channels) if start else {}
         self.sequence = 0
         self.curve: list[CurvePoint] = []
+        self.is_shown = False  # a snapshot holds the moments: they are copied before they change
         self.snapshot_cost = 0.0
         self.since_snapshot = 0.0
         self.speed = 0.0  # samples per second, of the last passes
@@ -228,8 +229,9 @@ class _Render:
 
     def _launch(self, work: plan.Pass | None) -> _Launch:
         assert work is not None
+        began = time.perf_counter()  # on a single thread the pass is over when the launch returns
         lanes = self.kernel.launch(*work.lanes(), self.settings.seed)
-        return _Launch(work, lanes, time.perf_counter(), self.sequence)
+        return _Launch(work, lanes, began, self.sequence)
 
     def _fetch(self, launched: _Launch) -> tuple[NDArray, NDArray, NDArray]:
         """Waits for a pass and returns its lanes' radiance (n, 3), invalid samples (n,) and path segments (n,)."""
@@ -243,6 +245,10 @@ class _Render:
 
     def _add(self, launched: _Launch, results: tuple[NDArray, NDArray, NDArray]) -> None:
         radiance, invalid, segments = results
+        if self.is_shown:
+            began = time.perf_counter()
+            self.moments, self.is_shown = self.moments.copy(), False
+            self.snapshot_cost += time.perf_counter() - began
         for some, lanes in launched.work.layers():
             where = slice(None) if len(some) == self.n else some
             self.moments.add(where, radiance[lanes], invalid[lanes], self.size, segments[lanes])
@@ -302,7 +308,7 @@ class _Render:
     def _snapshot(self, stopped_by: str | None) -> Snapshot:
         began = time.perf_counter()
         self.sequence += 1
-        moments = self.moments if stopped_by else self.moments.copy()
+        moments, self.is_shown = self.moments, True
         found = self._error(is_trust_wanted=False)
         self._extend_curve(found)
         missing = tuple(name for name in self.settings.channels if name not in self.channels)

@@ -14,9 +14,9 @@ import json
 import math
 import struct
 from collections import OrderedDict
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import zstandard
@@ -30,6 +30,7 @@ MEDIA_TYPE = "application/x-fredholm-frame"
 HALF_MAX = 65504.0
 _SMALLEST_HALF = 2.0**-24
 _MEDIAN_SAMPLES = 1 << 16
+_PART = 1 << 15
 _EXPONENT_LIMIT = 120  # the scale must stay a float32 on the graphics card
 Encoding = Literal["zstd", "gzip", "identity"]
 
@@ -48,30 +49,29 @@ def encode_frame(display: Display, reduce: Literal[1, 2] = 1, *, has_maps: bool 
     if has_maps:
         halves = np.concatenate([halves, _replicate_map(display, reduce)[None]])
     height, width = halves.shape[1:]
-    spp = display.replicates * float(display.replicate_size)
+    least, most, size = int(display.replicates.min()), int(display.replicates.max()), display.replicate_size
     header = FrameHeader(
         seq=display.seq,
         width=width,
         height=height,
         channels=["R", "G", "B", "SE", "N"] if has_maps else ["R", "G", "B", "SE"],
-        spp_min=float(spp.min()),
-        spp_max=float(spp.max()),
-        spp_mean=float(spp.mean()),
-        replicates_min=int(display.replicates.min()),
-        replicates_max=int(display.replicates.max()),
-        replicate_size=display.replicate_size,
+        spp_min=float(least * size),
+        spp_max=float(most * size),
+        spp_mean=float(display.replicates.mean() * size),
+        replicates_min=least,
+        replicates_max=most,
+        replicate_size=size,
         seconds=display.seconds,
         scale=scale,
         reduce=reduce,
         layout="byteplanes-half",
         rounded=False,
-        filled=bool((display.replicates == 0).any()),
+        filled=least == 0,
         clamped=clamped,
     )
     text = json.dumps(header.model_dump()).encode()
     padded = text.ljust(-(-(8 + len(text)) // 8) * 8 - 8)
-    bits = halves.view(np.uint16)
-    low, high = bits.astype(np.uint8), (bits >> 8).astype(np.uint8)
+    low, high = halves.astype("<f2", copy=False).view(np.uint8).reshape(-1, 2).T
     return b"".join((MAGIC, struct.pack("<I", len(padded)), padded, low.tobytes(), high.tobytes()))
 
 
@@ -94,14 +94,15 @@ def scale_for(planes: NDArray[np.float32]) -> float:
     Where one huge value would push the typical ones into the denormals, the typical ones win and the huge is
     clamped.
     """
-    size = np.abs(planes).ravel()
-    finite = np.isfinite(size)
-    largest = float(size.max(initial=0.0, where=finite))
+    largest = 0.0
+    for part in _parts(planes.ravel()):
+        size = np.abs(part)
+        largest = max(largest, float(size.max(initial=0.0, where=np.isfinite(size))))
     if largest == 0:
         return 1.0
     # 2^15 ≤ largest · 2^exponent·2 < 2^16
     exponent = 15 - math.frexp(largest)[1]
-    some = size[:: max(1, size.size // _MEDIAN_SAMPLES)]
+    some = np.abs(planes.ravel()[:: max(1, planes.size // _MEDIAN_SAMPLES)])
     some = some[np.isfinite(some) & (some > 0)]
     if some.size:
         exponent = max(exponent, -8 - math.frexp(float(np.median(some)))[1])
@@ -113,16 +114,26 @@ def _to_half(planes: NDArray[np.float32], scale: float) -> tuple[NDArray[np.floa
 
     And how many were clamped.
     """
+    halves, clamped = np.empty(planes.shape, np.float16), 0
     with np.errstate(over="ignore", under="ignore"):
-        scaled = planes * np.float32(scale)
-        over = (np.abs(scaled) > HALF_MAX) & np.isfinite(planes)
-        clamped = int(np.count_nonzero(over))
-        if clamped:
-            scaled[over] = np.copysign(np.float32(HALF_MAX), planes[over])
-        # 0 ± 0 means "no estimate yet": rounding must not make it.
-        error = scaled[3]
-        error[(planes[3] > 0) & (error < _SMALLEST_HALF)] = _SMALLEST_HALF
-        return scaled.astype(np.float16), clamped
+        for channel, plane in enumerate(planes):
+            for part, half in zip(_parts(plane.ravel()), _parts(halves[channel].ravel()), strict=True):
+                scaled = part * np.float32(scale)
+                over = (np.abs(scaled) > HALF_MAX) & np.isfinite(part)
+                if over.any():
+                    clamped += int(np.count_nonzero(over))
+                    scaled[over] = np.copysign(np.float32(HALF_MAX), part[over])
+                if channel == 3:
+                    # 0 ± 0 means "no estimate yet": rounding must not make it.
+                    scaled[(part > 0) & (scaled < _SMALLEST_HALF)] = _SMALLEST_HALF
+                half[:] = scaled
+    return halves, clamped
+
+
+def _parts(flat: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """Views of a flat array that stay in the processor's cache while they are worked on."""
+    for start in range(0, flat.size, _PART):
+        yield flat[start : start + _PART]
 
 
 def _replicate_map(display: Display, reduce: Literal[1, 2]) -> NDArray[np.float16]:

@@ -78,23 +78,20 @@ def image_error(
     Early on only a grid of pixels has two replicates. A pixel without a variance of its own is then taken to vary like
     the mean of the others, per replicate.
     """
-    inside = np.ones(len(moments.count), bool) if scope is None else scope
+    inside = slice(None) if scope is None else scope
     is_trusted = trust(moments, width)[inside] if is_trust_wanted else np.zeros(1, bool)
     trusted = float(is_trusted.mean()) if is_trusted.size else 0.0
-    count, mean = moments.count[inside], moments.mean[inside]
-    measured = count >= 2
-    n_measured = int(measured.sum())
+    counted = moments.at(inside)
+    count, mean = counted.count, counted.mean
+    n_measured = int(np.count_nonzero(count >= 2))
     is_black = not mean.any()  # nothing found yet is no estimate, and not a perfect one
     if is_black or n_measured == 0 or n_measured < min(MIN_MEASURED, len(count)):
         return ImageError(None, None, trusted)
+    if n_measured < len(count):
+        return ImageError(*_early(counted, target), trusted)
     floor = floor_of(mean)
-    squared = pixel_rel_mse(moments, floor)[inside]
-    if n_measured < len(count):
-        per_replicate = float(np.mean(squared[measured] * count[measured]))
-        squared = np.where(measured, squared, per_replicate / np.maximum(count, 1))
+    squared = pixel_rel_mse(counted, floor)
     error = math.sqrt(float(np.mean(squared)))
-    if n_measured < len(count):
-        return ImageError(error, _share(squared, target), trusted)
     careful, single = _careful(moments, width, floor)
     careful, single = np.maximum(careful[inside], squared), single[inside]
     z = float(ndtri(1 - (1 - confidence) / LOOKS))
@@ -112,6 +109,20 @@ def image_error(
         upper=math.sqrt(total / len(count) * math.exp(min(z * relative, 50.0))),
         share_lower=lower,
     )
+
+
+def _early(moments: Moments, target: float | None) -> tuple[float, float | None]:
+    """Error and share within the target, where some pixels have no variance of their own yet."""
+    measured = moments.at(np.flatnonzero(moments.count >= 2))
+    sampled = np.flatnonzero(moments.count)
+    squared = pixel_rel_mse(measured, floor_of(moments.mean[sampled]))
+    each = float(np.mean(squared * measured.count))  # of the others, which have a replicate at most
+    n, others = len(moments.count), len(moments.count) - len(squared)
+    error = math.sqrt((float(squared.sum()) + others * each) / n)
+    if target is None:
+        return error, None
+    within = np.count_nonzero(squared <= target * target) + others * (each <= target * target)
+    return error, float(within / n)
 
 
 def _share(squared: NDArray[np.float64], target: float | None) -> float | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -110,24 +110,25 @@ class Estimate:
 
     def filled(self) -> NDArray[np.float32]:
         """(H, W, 3) radiance to look at: pixels without samples take the nearest coarser one that has some."""
-        image, has = self.mean.astype(np.float32, order="C"), self.count > 0
-        stride = 1
-        while not has.all() and stride < max(self.width, self.height):
+        mean, has, stride = self.mean, self.count > 0, 1
+        while not has[::stride, ::stride].all() and stride < max(self.width, self.height):
             stride *= 2
-            rows = np.arange(self.height) // stride * stride
-            columns = np.arange(self.width) // stride * stride
-            source = np.ix_(rows, columns)
-            take = ~has & has[source]
-            image[take] = image[source][take]
-            has = has | take
-        return image
+        image = mean[::stride, ::stride].astype(np.float32, order="C")
+        while stride > 1:
+            stride //= 2
+            finer, known = mean[::stride, ::stride], has[::stride, ::stride]
+            height, width = known.shape
+            image = np.repeat(np.repeat(image, 2, axis=0), 2, axis=1)[:height, :width]
+            for c in range(3):
+                np.copyto(image[..., c], finer[..., c], where=known, casting="same_kind")
+        return np.ascontiguousarray(image)
 
     def pixel(self, x: int, y: int) -> PixelReading:
         """Reads pixel column x, row y."""
         if not (0 <= x < self.width and 0 <= y < self.height):
             raise SettingsError(f"pixel ({x}, {y}) is outside the image of {self.width}×{self.height}")
         i = y * self.width + x
-        one = Moments(*(getattr(self.moments, f.name)[i : i + 1] for f in fields(Moments)))
+        one = self.moments.at(slice(i, i + 1))
         count, luminance = int(one.count[0]), float(one.luminance()[0])
         errors = np.sqrt(one.variance_of_mean()[0])
         width = float(interval.half_width(one)[0, 3])

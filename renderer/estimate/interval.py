@@ -48,6 +48,8 @@ def half_width(moments: Moments, confidence: float = 0.95) -> NDArray[np.float64
 
 def trust(moments: Moments, width: int) -> NDArray[np.bool_]:
     """(n,) whether each pixel's interval can be believed. width: of the image that the pixels form, row by row."""
+    if moments.count.max(initial=0) < MIN_REPLICATES:
+        return np.zeros(len(moments.count), bool)
     total = np.abs(moments.luminance()) * moments.count
     alone = (
         (moments.count >= MIN_REPLICATES) & (moments.nonzero >= MIN_NONZERO) & (moments.largest <= MAX_SHARE * total)

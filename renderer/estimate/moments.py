@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709 / sRGB primaries
+SPARSE = 0.1  # share of pixels that have replicates, below which the others are passed over
 CHUNK = 8192  # pixels whose numbers stay in the cache while they are folded
 
 
@@ -48,9 +49,23 @@ class Moments:
         columns = lambda k: np.zeros((n, k), order="F")  # noqa: E731
         return cls(whole(), columns(3), columns(4), np.zeros(n), whole(), np.zeros(n), whole(), whole(), whole())
 
+    def at(self, pixels: NDArray[np.integer] | NDArray[np.bool_] | slice) -> Moments:
+        """Moments of some pixels: a view for a slice, else a copy."""
+        return Moments(*(getattr(self, f.name)[pixels] for f in fields(self)))
+
     def copy(self) -> Moments:
         """An independent copy."""
-        return Moments(*(getattr(self, f.name).copy("K") for f in fields(self)))
+        touched = np.flatnonzero(self.tried)
+        if len(touched) > SPARSE * len(self.tried):
+            return Moments(*(getattr(self, f.name).copy("K") for f in fields(self)))
+        # A first picture: memory that nobody has touched costs nothing while it stays so.
+        result = Moments.empty(len(self.tried))
+        for f in fields(self):
+            source, target = getattr(self, f.name), getattr(result, f.name)
+            for column in range(source.size // len(source)):
+                own = source if source.ndim == 1 else source[:, column]
+                (target if target.ndim == 1 else target[:, column])[touched] = own[touched]
+        return result
 
     def add(
         self,
@@ -136,12 +151,16 @@ class Moments:
 
     def variance(self) -> Array:
         """(n, 4) sample variance of one replicate, R, G, B, Y; NaN where count < 2."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.where(self.count[:, None] >= 2, self.m2 / (self.count - 1)[:, None], np.nan)
+        measured = self.count >= 2
+        if measured.all():
+            return self.m2 / (self.count - 1)[:, None]
+        variance = np.full_like(self.m2, np.nan)
+        return np.divide(self.m2, (self.count - 1)[:, None], out=variance, where=measured[:, None])
 
     def variance_of_mean(self) -> Array:
         """(n, 4) variance of the mean, R, G, B, Y; NaN where count < 2."""
-        return self.variance() / np.maximum(self.count, 1)[:, None]
+        variance = self.variance()
+        return np.divide(variance, np.maximum(self.count, 1)[:, None], out=variance)
 
     def luminance(self) -> Array:
         """(n,) mean luminance."""

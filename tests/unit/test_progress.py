@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -195,6 +196,28 @@ def test_a_share_of_pixels_stops_later_the_larger_it_is(scene: Scene, kernel: No
 def test_more_confidence_costs_more_samples(scene: Scene, kernel: NoisyKernel) -> None:
     bold, sure = (snapshots_of(scene, Target(error=0.15, confidence=c), SETTINGS)[-1] for c in (0.5, 0.9999))
     assert bold.samples < sure.samples
+
+
+class SingleThreadedKernel:
+    """Has rendered a pass when `launch` returns, as kernels do on a single thread."""
+
+    def __init__(self, samples_per_second: float) -> None:
+        self.samples_per_second = samples_per_second
+        self.samples: list[int] = []
+
+    def launch(self, pixels: NDArray, replicates: NDArray, seed: int) -> tuple[NDArray, NDArray, NDArray]:
+        self.samples.append(len(pixels) * SIZE)
+        time.sleep(self.samples[-1] / self.samples_per_second)
+        none = np.zeros(len(pixels), np.uint32)
+        return np.ones((3, len(pixels)), np.float32), none, none
+
+
+def test_passes_stay_short_where_a_launch_waits_for_the_kernel(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel = SingleThreadedKernel(samples_per_second=5 * 2**18)
+    monkeypatch.setattr(Scene, "kernel", lambda self, settings: kernel)
+    settings = replace(SETTINGS, width=640, height=512)
+    render(scene.sized(settings), Target(spp=3 * SIZE), settings)
+    assert max(kernel.samples) <= 2**19, "twice what the speed of the kernel would have"
 
 
 def test_a_target_that_the_start_has_reached_renders_nothing(scene: Scene, kernel: NoisyKernel) -> None:
