@@ -94,10 +94,12 @@ class Runner:
         """All running jobs."""
         return list(self._live.values())
 
-    def wake(self) -> None:
-        """Something was queued."""
-        self._may_claim = True
-        self._wake.set()
+    def wake(self, client_id: str | None = None) -> None:
+        """Something was queued, by this client if one is given."""
+        # Where that client must wait for a slot, there is nothing to look for in a long queue.
+        if client_id is None or may_start(client_id, self._running(), self._settings.max_running_jobs):
+            self._may_claim = True
+            self._wake.set()
 
     def renew_renderer(self) -> None:
         """Have the render process replaced: an unexpected exception was raised in it."""
@@ -275,7 +277,7 @@ class Runner:
         """Start the next queued job, if its client may start one now."""
         self._may_claim = False
         queue = await asyncio.to_thread(self._store.queue)
-        running = Counter(live.record.client_id for live in self._live.values())
+        running = self._running()
         if not queue or not may_start(queue[0].client_id, running, self._settings.max_running_jobs):
             return
         client_id = queue[0].client_id
@@ -293,6 +295,10 @@ class Runner:
             "job started", job=record.id, scene=record.scene_name, attempt=record.attempt, client=client_id or None
         )
         await self._hub.tell_transitions()
+
+    def _running(self) -> Counter[str]:
+        """How many jobs of each client run."""
+        return Counter(live.record.client_id for live in self._live.values())
 
     async def _take_turn(self, live: LiveJob) -> None:
         self._turns += 1

@@ -65,7 +65,7 @@ async def submit_job(
     answer = await detail(service, job)
     if is_new:
         await service.hub.tell_transitions()
-        service.runner.wake()
+        service.runner.wake(job.client_id)
     else:
         response.headers["Idempotency-Replayed"] = "true"
     response.headers["Location"] = f"/api/jobs/{job.id}"
