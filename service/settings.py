@@ -7,9 +7,9 @@ import os
 import secrets
 import sys
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from service.written_once import written_once
@@ -33,7 +33,9 @@ class ServiceSettings(BaseSettings):
 
     host: str = "127.0.0.1"
     port: int = Field(default=8017, ge=0, le=65535)
-    data_dir: Path = Field(default_factory=default_data_dir, description="database, scenes and estimates")
+    data_dir: Annotated[Path, AfterValidator(Path.absolute)] = Field(
+        default_factory=default_data_dir, description="database, scenes and estimates"
+    )
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; default: SQLite in data_dir")
     static_dir: Path = Field(default=Path(__file__).parent / "static", description="the built page")
 

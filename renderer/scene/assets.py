@@ -43,10 +43,19 @@ class Assets:
     memory_bytes: int = 0
 
 
-def look(state: Any, resolve: Callable[[str], str], limits: SceneLimits, place: Any, *, exact: bool) -> Assets:
+def look(
+    state: Any,
+    resolve: Callable[[str], str],
+    limits: SceneLimits,
+    place: Any,
+    *,
+    exact: bool,
+    folder: Path | None = None,
+) -> Assets:
     """Looks at every file that the nodes name. resolve: name → its path; place: node → "file:line".
 
-    exact: see `read_mesh`. Raises SceneError for files that are missing, damaged or too large.
+    exact: see `read_mesh`. folder: where the files must lie, if the limits say so. Raises SceneError for files that are
+    missing, damaged or too large.
     """
     mi = mitsuba()
     paths: dict[int, Path] = {}
@@ -67,6 +76,9 @@ def look(state: Any, resolve: Callable[[str], str], limits: SceneLimits, place: 
         if not _is_file(found):
             what = "is a folder" if path.is_dir() else "is missing"
             raise SceneError(f"{place(node)}: {name[:200]!r} {what}; put that file beside the scene")
+        if limits.is_confined and folder is not None and not path.resolve().is_relative_to(folder.resolve()):
+            # Found where Mitsuba looks beside the scene's folder: in its own, and in that of the process.
+            raise SceneError(f"{place(node)}: {name[:200]!r} is missing in the upload; put that file beside the scene")
         asked = value_of(node, "shape_index", 0)
         key = (found, asked if isinstance(asked, int) else 0)
         try:
@@ -83,12 +95,12 @@ def look(state: Any, resolve: Callable[[str], str], limits: SceneLimits, place: 
                 memory += mesh.triangles * TRIANGLE_BYTES + mesh.vertices * VERTEX_BYTES
             elif plugin in PICTURES:
                 picture = pictures[index] = seen.get(key) or read_picture(path)
+                pixels = picture.width * picture.height
+                if pixels > limits.texture_pixels:
+                    raise SceneError(_too_large("picture", pixels, limits.texture_pixels, "pixels"))
                 if key not in seen:
-                    pixels = picture.width * picture.height
-                    if pixels > limits.texture_pixels:
-                        raise SceneError(_too_large("picture", pixels, limits.texture_pixels, "pixels"))
                     texture_pixels += pixels
-                    memory += pixels * picture.channels * max(2, picture.value_bytes)
+                memory += pixels * picture.channels * max(2, picture.value_bytes)  # Mitsuba reads it for each node
                 seen[key] = picture
             elif plugin in GRIDS:
                 memory += 4 * read_grid(path)

@@ -8,6 +8,7 @@ what and why.
 from __future__ import annotations
 
 import hashlib
+import lzma
 import re
 import stat
 import struct
@@ -90,8 +91,10 @@ def _unpack_zip(source: BinaryIO, folder: Path, limits: Limits) -> dict[str, str
         with zipfile.ZipFile(source) as archive:
             entries = _vetted(archive, limits)
             return {path: _extract(archive, entry, folder / path) for path, entry in entries.items()}
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, struct.error, LookupError, OverflowError) as error:
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, struct.error, LookupError) as error:
         raise BundleError(f"the zip file is damaged ({error}); pack it again") from error
+    except (OverflowError, MemoryError) as error:
+        raise BundleError("the zip file is damaged (impossible sizes); pack it again") from error
     except NotImplementedError as error:
         raise BundleError(f"the zip file uses a method that is not supported ({error}); use deflate") from error
 

@@ -54,15 +54,16 @@ def coloured_by(state: Any, assets: Assets) -> str | None:
 
 
 def _geometry_textures(state: Any) -> set[int]:
-    """Nodes that stand for bumps and normals."""
-    found = set()
+    """Nodes that stand for bumps and normals, and for nothing else."""
+    geometry: set[int] = set()
+    others: set[int] = set()
     kind = mitsuba().Properties.Type.ResolvedReference
     for node in state.nodes:
-        if node.props.plugin_name() in _NOT_A_COLOUR:
-            for key, value in properties(node):
-                if node.props.type(key) == kind and state.nodes[value.index()].type == mitsuba().ObjectType.Texture:
-                    found.add(value.index())
-    return found
+        found = geometry if node.props.plugin_name() in _NOT_A_COLOUR else others
+        for key, value in properties(node):
+            if node.props.type(key) == kind and state.nodes[value.index()].type == mitsuba().ObjectType.Texture:
+                found.add(value.index())
+    return geometry - others
 
 
 def _is_coloured(key: str, value: Any, is_light: bool) -> bool:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from renderer.backend import mitsuba
-from renderer.scene.features import Features
-from renderer.scene.vet.nodes import properties
+from renderer.scene.features import Features, has_bare_shape
+from renderer.scene.vet.nodes import channels, properties
 
 _REMAINDER = 1e-3  # of the light, that a limit may cost
 _GLASS_DEPTH = 5  # in and out of one piece, the light behind it, and once more
@@ -35,13 +33,15 @@ def depth_advice(state: Any, max_depth: int, features: Features) -> str:
 def _highest_albedo(state: Any) -> float | None:
     """The highest reflectance if all BSDFs are diffuse with known ones, else None."""
     mi = mitsuba()
-    found = [0.0]
+    found = [0.5 if has_bare_shape(state) else 0.0]  # Mitsuba's default
     for node in state.nodes:
         if node.type != mi.ObjectType.BSDF or node.props.plugin_name() == "twosided":
             continue
         value = dict(properties(node)).get("reflectance", 0.5)
         if node.props.plugin_name() != "diffuse" or "Reference" in type(value).__name__:
             return None
-        values = value.values if type(value).__name__ == "Spectrum" else np.array(value, dtype=np.float64).ravel()
-        found.append(max(float(v) for v in values))
+        values = channels(value)
+        if values is None or not values.size:
+            return None
+        found.append(float(values.max()))
     return max(found)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from renderer.backend import mitsuba
-from renderer.scene.vet.nodes import properties
+from renderer.scene.vet.nodes import channels, properties
 
 # Wrappers (twosided, mask, blendbsdf, bumpmap, normalmap) have the lobes of what they wrap.
 _WRAPPERS = frozenset("twosided mask blendbsdf bumpmap normalmap".split())
@@ -50,7 +50,7 @@ def of(state: Any) -> Features:
     nodes = list(state.nodes)
     bsdfs = {node.props.plugin_name() for node in nodes if node.type == mi.ObjectType.BSDF}
     emitters = {node.props.plugin_name() for node in nodes if node.type == mi.ObjectType.Emitter}
-    if _has_bare_shape(state):
+    if has_bare_shape(state):
         bsdfs.add("diffuse")  # Mitsuba's default
     return Features(
         has_delta=bool(bsdfs & _DELTA),
@@ -61,11 +61,11 @@ def of(state: Any) -> Features:
         has_point_lights=bool(emitters & _POINTS),
         has_visible_emitters=bool(emitters - _UNSEEN),
         reflects=any(node.type == mi.ObjectType.BSDF and _reflects(state, node) for node in nodes)
-        or _has_bare_shape(state),
+        or has_bare_shape(state),
     )
 
 
-def _has_bare_shape(state: Any) -> bool:
+def has_bare_shape(state: Any) -> bool:
     """Whether a shape has no BSDF of its own; groups and instances need none."""
     mi = mitsuba()
     reference = mi.Properties.Type.ResolvedReference
@@ -86,8 +86,5 @@ def _reflects(state: Any, node: Any) -> bool:
     if plugin != "diffuse":
         return True
     value = dict(properties(node)).get("reflectance")
-    if value is None or "Reference" in type(value).__name__:
-        return True
-    if type(value).__name__ == "Spectrum":
-        return any(value.values)
-    return bool(np.any(np.array(value, dtype=np.float64) != 0))
+    found = channels(value) if value is not None and "Reference" not in type(value).__name__ else None
+    return found is None or bool(np.any(found != 0))

@@ -45,6 +45,8 @@ def _fingerprint(value: Any) -> str:
         return repr(value)
     if "Transform" in type(value).__name__:
         return _array_text(np.array(value.matrix))  # its text has six digits only
+    if type(value).__name__ == "Spectrum":  # its text has six digits, or the number of values alone
+        return _array_text(np.array([*value.wavelengths, *value.values], np.float64))
     mi = mitsuba()
     if isinstance(value, mi.Object) and not isinstance(value, mi.Bitmap):
         parameters = mi.traverse(value)

@@ -96,7 +96,8 @@ def parse(source: str | Path | dict[str, Any], limits: SceneLimits | None = None
         check_nodes(state, Path(opened.folders[0]) if opened.folders else None, limits, place)
         guarded(lambda: mi.parser.transform_upgrade(config, state), opened.name, folders)
         guarded(lambda: mi.parser.transform_resolve(config, state), opened.name, folders)
-        assets = look(state, partial(_resolved, resolver), limits, place, exact=exact)
+        inside = Path(opened.folders[0]) if opened.folders else None
+        assets = look(state, partial(_resolved, resolver), limits, place, exact=exact, folder=inside)
         shapes = placed_shapes(state, assets)
         return Parsed(state, opened.name, digest_of(state, assets), folders, assets, shapes, opened.keep)
 

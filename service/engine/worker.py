@@ -72,6 +72,11 @@ def begin(displays: Path | None, words: Path | None = None) -> None:
             os.dup2(descriptor, 2)
             os.close(descriptor)
     faulthandler.enable()
+    if displays is not None:
+        # Mitsuba looks for files where the process runs, too: there shall be none.
+        empty = displays / "empty"
+        empty.mkdir(mode=0o700, parents=True, exist_ok=True)
+        os.chdir(empty)
     threading.Thread(target=_exit_with_parent, args=(displays,), name="parent-watch", daemon=True).start()
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 import zipfile
 from collections.abc import Callable
@@ -63,9 +64,17 @@ def _lying_size() -> bytes:
     return bytes(packed)
 
 
-def _link() -> bytes:
-    import io
+def _damaged_lzma() -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("scene.xml", scene(SKY))
+    damaged = bytearray(packed.getvalue())
+    for i in range(45, 75):
+        damaged[i] ^= 0xFF
+    return bytes(damaged)
 
+
+def _link() -> bytes:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w") as archive:
         archive.writestr("scene.xml", scene(SKY))
@@ -92,6 +101,11 @@ def _mesh(kind: str, value: str) -> str:
     return f'<shape type="{kind}"><string name="filename" value="{value}"/></shape>'
 
 
+def _spectrum(file: str) -> str:
+    inner = f'<spectrum name="reflectance" filename="{file}"/>'
+    return f'<shape type="cube"><bsdf type="diffuse">{inner}</bsdf></shape>'
+
+
 def _outside(name: str, value: str) -> Hostile:
     return _xml(f"path: {name}", _mesh("obj", value), "outside the upload")
 
@@ -115,6 +129,7 @@ XML = [
     _xml("plugin by path", '<shape type="../../evil"/>', "no plugin"),
     _xml("plugin by absolute path", '<shape type="/tmp/evil"/>', "no plugin"),
     _xml("plugin that reads memory", '<shape type="blender"><long name="verts" value="4096"/></shape>', "another program"),
+    _xml("a mesh for a film", '<sensor type="perspective"><film type="ply"/></sensor>', "'ply' is no film"),
     _xml("plugin by parameter", '<default name="t" value="blender"/><shape type="$t"/>', "another program"),
     _xml("plugin of another kind", '<shape type="diffuse"/>', "diffuse"),
     _xml("unknown tag", "<shader/>", "shader"),
@@ -123,6 +138,8 @@ XML = [
     _xml("not a number", '<shape type="sphere"><float name="radius" value="nan"/></shape>', "nan|finite"),
     _xml("infinity", '<shape type="sphere"><float name="radius" value="1e999"/></shape>', "inf|finite|1e999"),
     _xml("endless transform", '<shape type="cube"><transform name="to_world"><scale value="inf"/></transform></shape>', "inf|finite"),
+    _xml("a word for a colour", '<shape type="cube"><bsdf type="diffuse"><string name="reflectance" value="abc"/></bsdf></shape>', "reflectance"),
+    _xml("a transform for a colour", '<shape type="cube"><bsdf type="diffuse"><transform name="reflectance"/></bsdf></shape>', "reflectance"),
     _xml("unknown reference", '<shape type="cube"><ref id="gone"/></shape>', "gone"),
     _xml("reference to itself", '<bsdf type="twosided" id="a"><ref id="a"/></bsdf>', r"scene\.xml:3: .*circular reference"),
     _xml("references in a ring", '<bsdf type="twosided" id="a"><ref id="b"/></bsdf><bsdf type="twosided" id="b"><ref id="a"/></bsdf>', r"scene\.xml:3: .*circular reference"),
@@ -154,6 +171,13 @@ REFERENCES = [
     _xml("path: by parameter", '<default name="d" value=".."/>' + _mesh("obj", "$d/$d/a.obj"), "outside the upload"),
     _xml("path: include by parameter", '<default name="d" value="/etc/passwd"/><include filename="$d"/>', "parameter"),
     _xml("path: material", '<shape type="cube"><bsdf type="conductor"><string name="material" value="../../../../etc/passwd"/></bsdf></shape>', "outside the upload"),
+    _xml("path: search folder by parameter", '<default name="d" value="/proc/self"/><path value="$d"/>' + _spectrum("environ"), "parameter"),
+    _xml("path: where the service runs", _mesh("obj", "README.md"), "missing"),
+    _xml("path: spectrum where the service runs", _spectrum("README.md"), "missing"),
+    _json("path: document where the service runs", "missing", ball={"type": "obj", "filename": "README.md"}),
+    _xml("path: include where the service runs", '<include filename="README.md"/>', "missing"),
+    _zip("path: spectrum in an included text", {"scene.xml": scene('<path value="sub"/><include filename="b.txt"/>'), "sub/b.txt": f'<scene version="3.0.0">{_spectrum("/etc/passwd")}</scene>'.encode()}, "outside the upload"),
+    _zip("includes that multiply", {"scene.xml": scene('<include filename="0.xml"/>' * 100)} | {f"{i}.xml": b'<scene version="3.0.0">' + f'<include filename="{i + 1}.xml"/>'.encode() * 100 + b"</scene>" for i in range(3)} | {"3.xml": b'<scene version="3.0.0"><shape type="sphere"/></scene>'}, "more than 1000 files are included"),
     _xml("missing file", _mesh("obj", "gone.obj"), r"scene\.xml:3: 'gone\.obj' is missing"),
     _zip("a folder for a file", {"scene.xml": scene(_mesh("obj", "meshes")), "meshes/a.obj": OBJ}, "is a folder"),
     _zip("include in a ring", {"scene.xml": scene('<include filename="b.xml"/>'), "b.xml": b'<scene version="3.0.0"><include filename="scene.xml"/></scene>'}, "includes itself"),
@@ -165,6 +189,7 @@ ZIPS = [
     _raw("zip: cut off", "a.zip", lambda: bundle({"scene.xml": scene(SKY)})[:-30], "damaged"),
     _raw("zip: bomb", "a.zip", _bomb, "times its packed size|unpack to more than"),
     _raw("zip: lying size", "a.zip", _lying_size, "longer than|damaged"),
+    _raw("zip: damaged lzma", "a.zip", _damaged_lzma, "damaged"),
     _raw("zip: link", "a.zip", _link, "is a link"),
     _zip("zip: up", {"../scene.xml": scene(SKY)}, r"leads out of the zip with '\.\.'"),
     _zip("zip: absolute", {"/scene.xml": scene(SKY)}, "absolute path"),
@@ -187,12 +212,15 @@ FILES = [
     _raw("ply: cut off", "a.zip", lambda: meshed("ply", ply(3, 1, TRIANGLE[:20])), "more than the file holds"),
     _raw("ply: cut off in text", "a.zip", lambda: meshed("ply", ply(3, 1, b"0 0 0\n1 0 0\n", "ascii")), "more than the file holds"),
     _raw("ply: faces of vertices that are not there", "a.zip", lambda: meshed("ply", ply(3, 1, TRIANGLE[:36] + struct.pack("<B3i", 3, 0, 1, 77777))), "vert|index|damaged"),
+    _raw("ply: such faces in text", "a.zip", lambda: meshed("ply", ply(3, 1, b"0 0 0\n1 0 0\n0 1 0\n3 0 1 77777\n", "ascii")), "names vertex 77777 of 3"),
+    _raw("ply: such faces with a flag", "a.zip", lambda: meshed("ply", ply(3, 1, TRIANGLE[:36] + struct.pack("<B3iB", 3, 0, 1, 77777, 9)).replace(b"end_header", b"property uchar flag\nend_header")), "names vertex 77777 of 3"),
     _raw("ply: not finite", "a.zip", lambda: meshed("ply", ply(3, 1, struct.pack("<9f", *[float("nan")] * 9) + TRIANGLE[36:])), "finite"),
     _raw("obj: words", "a.zip", lambda: meshed("obj", b"v a b c\nf 1 2 3\n"), "damaged obj"),
     _raw("obj: faces of vertices that are not there", "a.zip", lambda: meshed("obj", OBJ + b"f 1 2 99\n"), "."),
     _raw("obj: empty", "a.zip", lambda: meshed("obj", b""), "."),
     _raw("serialized: promises 4 billion", "a.zip", lambda: meshed("serialized", serialized(4_000_000_000, 1)), "more than the file holds"),
     _raw("serialized: no such mesh", "a.zip", lambda: meshed("serialized", serialized(0, 0), '<integer name="shape_index" value="7"/>'), "shape_index is 7"),
+    _raw("serialized: faces of vertices that are not there", "a.zip", lambda: meshed("serialized", serialized(3, 1, struct.pack("<9f3I", *[0.0] * 3, 1, 0, 0, 0, 1, 0, 0, 1, 77777))), "names vertex 77777 of 3"),
     _raw("serialized: garbage", "a.zip", lambda: meshed("serialized", b"\x1c\x04\x04\x00" + b"\xff" * 200), "damaged serialized"),
     _raw("picture: 4 gigapixels", "a.zip", lambda: textured("t.png", png(65000, 65000)), "pixels, and the limit|memory|cannot be read"),
     _raw("picture: garbage", "a.zip", lambda: textured("t.png", b"no picture"), "cannot be read as a picture"),

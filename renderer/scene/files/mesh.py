@@ -36,6 +36,7 @@ _SAMPLED_FROM = 1 << 15  # bytes of text
 _SAMPLED_LINES = 128
 _SERIALIZED_MAGIC = 0x041C
 _DOUBLES = 0x2000
+_SERIALIZED_PARTS = {0x0001: 3, 0x0002: 2, 0x0008: 3}  # numbers of a vertex by flag: normal, texture, colour
 _INFLATE_RATIO = 1032  # the most that zlib can pack
 
 
@@ -80,8 +81,8 @@ def _facts(triangles: int, positions: NDArray[Any]) -> MeshFacts:
 
 @dataclass(frozen=True, slots=True)
 class _PlyLayout:
-    """What a PLY header says. row: of a vertex, None in text. face: of a triangle where faces are the last element and
-    hold nothing but their vertices, else None. where: columns of x, y and z.
+    """What a PLY header says. row: of a vertex, None in text. where: columns of x, y and z. face: of a triangle, "n"
+    the number of its vertices and "v" their indices, where faces follow the vertices and hold one list each, else None.
     """
 
     n: int
@@ -101,7 +102,13 @@ def _read_ply(data: bytes) -> MeshFacts:
     if n == 0:
         return MeshFacts(layout.n_faces, 0)
     if layout.row is None:
-        positions = _ascii_rows(data[start:], n, layout.n_columns)[:, layout.where]
+        rows, rest = _ascii_rows(data[start:], n, layout.n_columns, "vertices")
+        positions = rows[:, layout.where]
+        if layout.face is not None and layout.n_faces:
+            names = layout.face.names or ()
+            at, width = names.index("n"), len(names) + 2
+            faces, _ = _ascii_rows(rest, layout.n_faces, width, "faces")
+            _check_indices(faces[:, at], faces[:, at + 1 : at + 4], n)
     else:
         if n * layout.row.itemsize + layout.n_faces > len(data) - start:
             raise ValueError(f"the header promises {n} vertices, more than the file holds")
@@ -112,17 +119,19 @@ def _read_ply(data: bytes) -> MeshFacts:
 
 
 def _check_faces(data: bytes, start: int, layout: _PlyLayout) -> None:
-    """Refuses triangles of vertices that are not there: Mitsuba reads beyond its memory for them.
-
-    Looked at in the usual layout, faces of three indices and nothing else behind the vertices.
-    """
+    """Refuses triangles of vertices that are not there: Mitsuba reads beyond its memory for them."""
     if layout.face is None or layout.n_faces == 0:
         return
     if layout.n_faces * layout.face.itemsize > len(data) - start:
         raise ValueError(f"the header promises {layout.n_faces} faces, more than the file holds")
     faces = np.frombuffer(data, layout.face, layout.n_faces, start)
-    if (faces["n"] == 3).all() and (faces["v"].max() >= layout.n or faces["v"].min() < 0):
-        raise ValueError(f"a face names vertex {faces['v'].max()} of {layout.n}")
+    _check_indices(faces["n"], faces["v"], layout.n)
+
+
+def _check_indices(corners: NDArray[Any], indices: NDArray[Any], n: int) -> None:
+    """corners: (m,) vertices of each face; where one has not three, Mitsuba refuses the file. indices: (m, 3)."""
+    if (corners == 3).all() and indices.size and (indices.max() >= n or indices.min() < 0):
+        raise ValueError(f"a face names vertex {indices.max():.0f} of {n}")
 
 
 @lru_cache(maxsize=256)  # many small meshes have the same header
@@ -133,24 +142,26 @@ def _ply_layout(header: bytes) -> _PlyLayout:
     if next((name for name, _, _ in elements), "") != "vertex":
         raise ValueError("vertices must come first")
     _, n, columns = elements[0]
-    names = [name for name, _ in columns]
+    names = [name for name, *_ in columns]
     where = [names.index(axis) for axis in "xyz"] if n else []
-    if encoding == "ascii":
-        return _PlyLayout(n, n_faces, len(names), where, None, None)
-    order = {"binary_little_endian": "<", "binary_big_endian": ">"}[encoding]
+    order = ">" if encoding == "binary_big_endian" else "<"
     row = np.dtype([(f"{i}", order + _PLY_TYPES[kind]) for i, (_, kind) in enumerate(columns)])
-    lists = re.findall(r"property list (\w+) (\w+) \w+\s*$", text, re.MULTILINE)
-    face = None
-    if len(lists) == 1 and text.count("element") == 2:
-        count, index = (_PLY_TYPES[kind] for kind in lists[0])
-        face = np.dtype([("n", order + count), ("v", order + index, 3)])
-    return _PlyLayout(n, n_faces, len(names), where, row, face)
+    face, properties = None, elements[1][2] if len(elements) > 1 and elements[1][0] == "face" else []
+    if [len(one) for one in properties].count(3) == 1:
+        fields: list[tuple[Any, ...]] = []
+        for i, (_, kind, *index) in enumerate(properties):
+            if index:
+                fields += [("n", order + _PLY_TYPES[kind]), ("v", order + _PLY_TYPES[index[0]], 3)]
+            else:
+                fields.append((f"{i}", order + _PLY_TYPES[kind]))
+        face = np.dtype(fields)
+    return _PlyLayout(n, n_faces, len(names), where, None if encoding == "ascii" else row, face)
 
 
-def _ply_header(text: str) -> tuple[str, list[tuple[str, int, list[tuple[str, str]]]]]:
-    """Encoding, and name, count and scalar columns of each element."""
+def _ply_header(text: str) -> tuple[str, list[tuple[str, int, list[tuple[str, ...]]]]]:
+    """Encoding, and name, count and properties of each element: (name, type) or (name, type of count, of item)."""
     encoding = ""
-    elements: list[tuple[str, int, list[tuple[str, str]]]] = []
+    elements: list[tuple[str, int, list[tuple[str, ...]]]] = []
     for line in text.splitlines():
         words = line.split()
         match words:
@@ -160,9 +171,10 @@ def _ply_header(text: str) -> tuple[str, list[tuple[str, int, list[tuple[str, st
                 if not 0 <= int(count) < 2**32:
                     raise ValueError(f"{count} of {name}")
                 elements.append((name, int(count), []))
-            case ["property", "list", *_]:
-                if elements and elements[-1][0] == "vertex":
+            case ["property", "list", count, item, name]:
+                if elements[-1][0] == "vertex":
                     raise ValueError("a list among the vertices")
+                elements[-1][2].append((name, count, item))
             case ["property", kind, name]:
                 elements[-1][2].append((name, kind))
     if encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
@@ -170,13 +182,15 @@ def _ply_header(text: str) -> tuple[str, list[tuple[str, int, list[tuple[str, st
     return encoding, elements
 
 
-def _ascii_rows(body: bytes, n: int, n_columns: int) -> NDArray[np.float64]:
+def _ascii_rows(body: bytes, n: int, n_columns: int, what: str) -> tuple[NDArray[np.float64], bytes]:
+    """The numbers in n rows of text, and the text behind them."""
     if 2 * n * n_columns > len(body) + 1:
-        raise ValueError(f"the header promises {n} vertices, more than the file holds")
-    words = body.split(None, n * n_columns)[: n * n_columns]
+        raise ValueError(f"the header promises {n} {what}, more than the file holds")
+    words = body.split(None, n * n_columns)
     if len(words) < n * n_columns:
-        raise ValueError(f"the header promises {n} vertices, more than the file holds")
-    return np.fromiter(map(float, words), np.float64, n * n_columns).reshape(n, n_columns)
+        raise ValueError(f"the header promises {n} {what}, more than the file holds")
+    rest = words.pop() if len(words) > n * n_columns else b""
+    return np.fromiter(map(float, words), np.float64, n * n_columns).reshape(n, n_columns), rest
 
 
 # ------------------------------ OBJ ------------------------------
@@ -242,11 +256,15 @@ def _read_serialized(data: bytes, shape_index: int) -> MeshFacts:
     at = head.index(b"\0", 4) + 1 if version == 4 else 4
     n, triangles = struct.unpack_from("<QQ", head, at)
     real = np.dtype("<f8" if flags & _DOUBLES else "<f4")
-    wanted = 3 * n * real.itemsize
-    if wanted + 12 * triangles > _INFLATE_RATIO * len(packed):
+    per_vertex = 3 + sum(more for flag, more in _SERIALIZED_PARTS.items() if flags & flag)
+    faces_at = per_vertex * n * real.itemsize
+    wanted = faces_at + 12 * triangles
+    if wanted > _INFLATE_RATIO * len(packed):
         raise ValueError(f"the header promises {n} vertices, more than the file holds")
     body = head[at + 16 :]
     body += inflate.decompress(inflate.unconsumed_tail, max(1, wanted - len(body))) if wanted > len(body) else b""
     if len(body) < wanted:
-        raise ValueError("the file ends among the vertices")
-    return _facts(triangles, np.frombuffer(body[:wanted], real).reshape(-1, 3).astype(np.float64))
+        raise ValueError("the file ends among the vertices or faces")
+    faces = np.frombuffer(body, "<u4", 3 * triangles, faces_at).reshape(-1, 3)
+    _check_indices(np.full(len(faces), 3), faces, n)
+    return _facts(triangles, np.frombuffer(body, real, 3 * n).reshape(-1, 3).astype(np.float64))

@@ -42,9 +42,20 @@ def without_flat_faces(scene: Any, least_share: float = 0.0) -> tuple[int, int]:
     dropped = sum(map(_missing, droppable.values()))
     if dropped <= least_share * sum(map(len, kept)):
         return found, 0
+    names, normals = list(parameters.keys()), {}
     for key, mask in droppable.items():
-        parameters[key] = mi.UInt32(np.array(parameters[key]).reshape(-1, 3)[mask].ravel())
+        mesh = key.removesuffix("faces")
+        for name in names:
+            if name == f"{mesh}vertex_normals":
+                normals[name] = np.array(parameters[name])
+            elif name == key or name.startswith(f"{mesh}face_"):
+                rows = np.array(parameters[name]).reshape(len(mask), -1)
+                parameters[name] = type(parameters[name])(rows[mask].ravel())
     parameters.update()
+    if normals:  # Mitsuba has made new ones for the new faces
+        for name, kept_normals in normals.items():
+            parameters[name] = mi.Float(kept_normals)
+        parameters.update()
     return found, dropped
 
 

@@ -10,7 +10,9 @@ from typing import Any
 
 from renderer.backend import mitsuba
 from renderer.errors import SettingsError
+from renderer.scene.geometry import children
 from renderer.scene.vet.nodes import number, properties
+from renderer.scene.vet.plugins import FILMS
 from renderer.settings import MAX_SIDE
 
 PIXEL_BYTES = 250  # of moments, a snapshot's copy of them, and the arrays of a pass
@@ -43,7 +45,7 @@ def sensor_dict(state: Any, width: int | None, height: int | None) -> dict[str, 
 
     sensor = next(node for node in nodes if node.type == mi.ObjectType.Sensor)
     made = to_dict(sensor)
-    if not any(isinstance(part, dict) for part in made.values()):
+    if not any(nodes[i].type == mi.ObjectType.Film for _, i in children(state, sensor)):
         film = {"type": "hdrfilm"}
         _resize(film, width, height)
         made["film"] = film
@@ -53,7 +55,7 @@ def sensor_dict(state: Any, width: int | None, height: int | None) -> dict[str, 
 def film_size(state: Any) -> tuple[int, int]:
     """Width and height of the first sensor's image."""
     made = sensor_dict(state, None, None)
-    film = next(part for part in made.values() if isinstance(part, dict) and "width" in part)
+    film = next(part for part in made.values() if isinstance(part, dict) and part.get("type") in FILMS)
     width, height = (int(number(film, f"crop_{side}", film[side])) for side in ("width", "height"))
     return width, height
 
@@ -99,12 +101,13 @@ def available_memory() -> int:
         return 1 << 62
 
 
-def neutralise_integrators(state: Any) -> None:
-    """Replaces integrators by a plain one: they are never used, and unknown ones would fail to load."""
+def neutralise_unused(state: Any) -> None:
+    """Replaces integrators and samplers by plain ones: they are never used, and nobody vets the names of theirs."""
     mi = mitsuba()
+    plain = {mi.ObjectType.Integrator: "path", mi.ObjectType.Sampler: "independent"}
     for node in state.nodes:
-        if node.type != mi.ObjectType.Integrator:
+        if node.type not in plain:
             continue
         for key in list(node.props.keys()):
             del node.props[key]
-        node.props.set_plugin_name("path")
+        node.props.set_plugin_name(plain[node.type])

@@ -12,7 +12,7 @@ from renderer.scene.geometry import bounds, children
 from renderer.scene.requirements import Requirements
 from renderer.scene.rewrite.emission import Unscalable
 from renderer.scene.rewrite.faces import without_flat_faces
-from renderer.scene.rewrite.film import neutralise_integrators
+from renderer.scene.rewrite.film import neutralise_unused
 from renderer.scene.rewrite.lights import without_dark_lights, without_flat_shapes
 from renderer.scene.rewrite.similarity import Similarity, apply, choose
 from renderer.scene.source import Parsed
@@ -64,7 +64,7 @@ def before_loading(
         from renderer.backend import mitsuba
 
         state = mitsuba().parser.ParserState(state)
-    neutralise_integrators(state)
+    neutralise_unused(state)
     return replace(parsed, state=state), similarity, tuple(notes)
 
 

@@ -26,7 +26,9 @@ from renderer.scene.vet.nodes import number, properties, value_of, vector
 
 Vector = tuple[float, float, float]
 SMALL_RADIUS, LARGE_RADIUS = 2.0**12, 2.0**30  # of a scene that is left at its scale
-_FAR = 1.0  # distance of the bounds' centre from the origin, in radii, from which a scene is re-centred
+# Distance of the bounds' centre from the origin, in radii, from which a scene is re-centred. Nearer, something small
+# might lie at the origin, where its digits are, and something large elsewhere: moving would cost the small its digits.
+_FAR = 8.0
 _CENTRE_STEPS = 16  # per radius: the centre has few digits, so that subtracting it is exact
 _CLIPS = (("near_clip", 1e-2), ("far_clip", 1e4))  # Mitsuba's own defaults
 _MAX_GROWTH = 2.0**40  # of an intensity: float32 must hold it and its products

@@ -97,6 +97,8 @@ class _Reader:
             and (key.lower().endswith("filename") or leads_out(value))
         ):
             check_reference(value, self.folder, self.folder, where)
+            if key.lower().endswith("filename") and not (self.folder / value).is_file():
+                raise SceneError(f"{where}: {value[:200]!r} is missing; put that file beside the scene")
         if isinstance(value, (bool, str)):
             return value
         if isinstance(value, (int, float)):

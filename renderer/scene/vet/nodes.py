@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from renderer.backend import mitsuba
 from renderer.errors import SceneError
 from renderer.scene.limits import SceneLimits
-from renderer.scene.vet.plugins import check_plugin, is_allowed
+from renderer.scene.vet.plugins import check_plugin, is_allowed, is_of_kind
 from renderer.scene.vet.references import is_outside, leads_out
 
 _MAY_BE_INFINITE = frozenset({"far_clip"})
@@ -26,10 +26,19 @@ def check_nodes(state: Any, folder: Path | None, limits: SceneLimits, place: Any
     """
     mi = mitsuba()
     never_loaded = (mi.ObjectType.Integrator, mi.ObjectType.Sampler)
+    made = (mi.Shape, mi.BSDF, mi.Emitter, mi.Sensor, mi.Medium, mi.Texture, mi.Volume, mi.Film)
     for node in state.nodes:
         if node.type not in never_loaded and not is_allowed(node.props.plugin_name()):
             check_plugin(node.props.plugin_name(), place(node))  # a place is slow to find: only for an error
+        if not is_of_kind(node.props.plugin_name(), node.type.name):
+            kind = node.type.name.lower()
+            raise SceneError(f"{place(node)}: {node.props.plugin_name()!r} is no {kind}; mend its tag or its type")
         for key, value in properties(node):
+            if isinstance(value, made):
+                raise SceneError(
+                    f"{place(node)}: {key} is a {type(value).__name__} that is made already; give the dictionary or "
+                    "file that it was made from"
+                )
             if isinstance(value, str):
                 _check_text(key, value, folder, limits, place, node)
             elif key not in _MAY_BE_INFINITE and not _is_finite(value):
@@ -64,6 +73,18 @@ def number(values: Mapping[str, Any], key: str, default: float) -> float:
     """A property as a number. One of another kind counts as missing: Mitsuba refuses it, and names its place."""
     value = values.get(key, default)
     return float(value) if isinstance(value, (int, float)) else default
+
+
+def channels(value: Any) -> NDArray[np.float64] | None:
+    """The numbers of a colour or spectrum, (n,); None for anything else, which Mitsuba refuses."""
+    if type(value).__name__ == "Spectrum":
+        return np.array(value.values, dtype=np.float64)
+    if isinstance(value, (str, bool)) or "Transform" in type(value).__name__:
+        return None
+    try:
+        return np.array(value, dtype=np.float64).ravel()
+    except (TypeError, ValueError, RuntimeError):
+        return None
 
 
 def vector(values: Mapping[str, Any], key: str, default: tuple[float, float, float]) -> NDArray[np.float64]:

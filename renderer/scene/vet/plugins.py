@@ -47,9 +47,28 @@ _WHY = {
 LIBRARY_SUFFIXES = (".so", ".dll", ".dylib", ".pyd")
 
 
+KINDS = {  # by Mitsuba's name for what a node is
+    "Shape": SHAPES,
+    "BSDF": BSDFS,
+    "Emitter": EMITTERS,
+    "Texture": TEXTURES,
+    "Sensor": SENSORS,
+    "Medium": MEDIA,
+    "PhaseFunction": PHASE_FUNCTIONS,
+    "Volume": VOLUMES,
+    "Film": FILMS,
+    "ReconstructionFilter": FILTERS,
+}
+
+
 def is_allowed(plugin: str) -> bool:
     """Whether a scene may use this plugin type."""
     return plugin in ALLOWED or plugin in INTEGRATORS
+
+
+def is_of_kind(plugin: str, kind: str) -> bool:
+    """Whether a plugin is what its place in the scene says: Mitsuba loads first and looks afterwards."""
+    return kind not in KINDS or plugin in KINDS[kind]
 
 
 def check_plugin(plugin: str, where: str) -> None:

@@ -26,9 +26,11 @@ _NEVER_LOADED = frozenset({"integrator", "sampler", "scene"})  # replaced by our
 class _Totals:
     """What the files of one scene add up to."""
 
+    files: int = 0  # one that is included twice counts twice
     xml_bytes: int = 0
     elements: int = 0
     seen: set[Path] = field(default_factory=set)
+    folders: list[Path] = field(default_factory=list)  # that scenes add by <path>
 
 
 def check_xml(scene: Path, limits: SceneLimits) -> None:
@@ -52,9 +54,10 @@ def _check_file(path: Path, folder: Path, limits: SceneLimits, totals: _Totals, 
         raise SceneError(f"{shown}: the file includes itself; remove that include")
     if len(above) > limits.include_depth:
         raise SceneError(f"{shown}: files include each other more than {limits.include_depth} deep; put them together")
-    if resolved in totals.seen:
-        return
-    totals.seen.add(resolved)
+    totals.files += 1
+    if totals.files > limits.include_count:
+        raise SceneError(f"{shown}: more than {limits.include_count} files are included; put some of them together")
+    totals.seen.add(resolved)  # and read again each time that it is included, as Mitsuba does
     if not path.is_file():
         raise SceneError(f"{shown}: no such file")
     totals.xml_bytes += path.stat().st_size
@@ -114,19 +117,29 @@ class _Walk:
 
     def check_files(self, tag: str, attributes: dict[str, str]) -> None:
         named = attributes.get("filename")
-        if named is not None and "$" in named and self.limits.is_confined:
-            raise SceneError(f"{self.here()}: the file name {named!r} has a parameter in it; write the name itself")
+        is_read_at_once = named is not None or tag == "path"  # before the parsed nodes can be looked at
         if named is None and (tag == "path" or re.search("filename$", attributes.get("name", ""), re.IGNORECASE)):
             named = attributes.get("value")
-        if not named or "$" in named:
+        if not named:
+            return
+        if "$" in named:
+            if is_read_at_once and self.limits.is_confined:
+                raise SceneError(f"{self.here()}: the file name {named!r} has a parameter in it; write the name itself")
             return
         if self.limits.is_confined:
             check_reference(named, self.folder, self.path.parent, self.here())
-        if tag == "include":
-            self.follow(named)
-
-    def follow(self, named: str) -> None:
-        for base in (self.folder, self.path.parent):
-            if (inner := base / named).is_file():
+        found = self.found(named, tag)
+        if tag == "path":
+            self.totals.folders += found
+        elif tag == "include":
+            for inner in found:  # Mitsuba takes one of them
                 _check_file(inner, self.folder, self.limits, self.totals, self.above)
-                return
+        if not found and is_read_at_once and self.limits.is_confined:
+            # Mitsuba would go on to look in the folder that the process runs in.
+            raise SceneError(f"{self.here()}: {named[:200]!r} is missing; put that file beside the scene")
+
+    def found(self, named: str, tag: str) -> list[Path]:
+        """The files or folders of the scene that Mitsuba may take for a name."""
+        # Only a <path> is looked for beside the file that it stands in.
+        bases = [self.folder, *([self.path.parent] if tag == "path" else []), *self.totals.folders]
+        return [path for path in {(base / named).resolve() for base in bases} if path.exists()]

@@ -92,6 +92,14 @@ def test_a_picture_is_coloured_if_one_pixel_is(
     assert found.coloured_by == ("t.png" if is_coloured else None)
 
 
+def test_a_texture_of_bumps_that_is_a_colour_too_is_a_colour(tmp_path: Path) -> None:
+    write_png(str(tmp_path / "t.png"), np.full((2, 2, 3), (250, 10, 10), np.uint8))
+    texture = {"type": "bitmap", "filename": str(tmp_path / "t.png"), "id": "t"}
+    shared = {"type": "ref", "id": "t"}
+    bsdf = {"type": "bumpmap", "arbitrary": texture, "bsdf": {"type": "diffuse", "reflectance": shared}}
+    assert measured(bsdf=bsdf).coloured_by == "t.png"
+
+
 def test_a_normal_map_is_no_colour(tmp_path: Path) -> None:
     write_png(str(tmp_path / "n.png"), np.full((2, 2, 3), (128, 128, 255), np.uint8))
     normals = {"type": "bitmap", "filename": str(tmp_path / "n.png"), "raw": True}

@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
+from renderer.backend import mitsuba
 from renderer.errors import SettingsError
 from renderer.scene.compile import load_scene
-from renderer.scene.rewrite import check_size
+from renderer.scene.rewrite import check_size, neutralise_unused
 from renderer.settings import Settings
 
 CROP = {"crop_offset_x": 2, "crop_offset_y": 3, "crop_width": 10, "crop_height": 5}
@@ -106,6 +107,20 @@ def test_any_integrator_of_a_file_is_put_aside_even_an_unknown_one(tmp_path: Pat
         f'<scene version="3.0.0"><integrator type="{plugin}">{inner}</integrator><sensor type="perspective"/></scene>'
     )
     assert load_scene(path).width == 768
+
+
+def test_a_sampler_of_a_file_is_never_loaded() -> None:
+    sampler = (
+        '<sampler type="blender"><integer name="verts" value="4096"/><integer name="vert_count" value="9"/></sampler>'
+    )
+    film = '<film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film>'
+    inner = f'<sensor type="perspective">{sampler}{film}</sensor><emitter type="constant"/>'
+    state = mitsuba().parser.parse_string(
+        mitsuba().parser.ParserConfig("llvm_ad_rgb"), f'<scene version="3.0.0">{inner}</scene>'
+    )
+    neutralise_unused(state)
+    samplers = [node for node in state.nodes if node.type == mitsuba().ObjectType.Sampler]
+    assert [(node.props.plugin_name(), list(node.props.keys())) for node in samplers] == [("independent", [])]
 
 
 def test_a_loaded_scene_is_the_same_one_at_its_own_size_and_another_at_another() -> None:

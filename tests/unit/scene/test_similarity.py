@@ -212,6 +212,12 @@ def test_a_scene_far_away_is_moved_to_the_origin_by_a_short_number() -> None:
     assert choose(box(-1.0, 1.0, offset=0.5)).centre == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("far", [1e3, 1e5])
+def test_what_lies_near_the_origin_keeps_its_digits_beside_something_far(far: float) -> None:
+    low, high = box(-1.0, 1.0)
+    assert choose((low, np.maximum(high, far))).centre == (0.0, 0.0, 0.0)
+
+
 def test_bounds_are_those_of_mitsuba(tmp_path: Path) -> None:
     for more in (group(), mesh(tmp_path), shape("cylinder", p0=at(-1, 0, 0), p1=at(-1, 2, 0), radius=0.3)):
         parsed = parse(world(tmp_path, **more))

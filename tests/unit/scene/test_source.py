@@ -96,6 +96,25 @@ def test_equal_dictionaries_have_one_digest() -> None:
     assert len(parse(ball()).digest) == 64
 
 
+def test_a_spectrum_changes_the_digest_with_any_of_its_numbers() -> None:
+    def digest(*values: tuple[float, float]) -> str:
+        return parse(ball(ball__bsdf__reflectance={"type": "spectrum", "value": list(values)})).digest
+
+    rising = [(400.0, 0.1), (500.0, 0.1), (600.0, 0.9)]
+    changed = [rising, rising[::-1], [(400.0, 0.9), *rising[1:]], [*rising[:2], (601.0, 0.9)]]
+    changed[1] = [(w, v) for (w, _), (_, v) in zip(rising, reversed(rising), strict=True)]
+    assert len({digest(*values) for values in changed}) == 4
+    assert digest(*rising) == digest(*rising)
+    uniform = [ball(ball__bsdf__reflectance={"type": "spectrum", "value": v}) for v in (0.5, 0.50000001)]
+    assert parse(uniform[0]).digest != parse(uniform[1]).digest
+
+
+def test_an_object_that_is_made_already_is_refused_with_what_would_do() -> None:
+    made = mitsuba().load_dict({"type": "sphere"})
+    with pytest.raises(SceneError, match="other is a Shape that is made already; give the dictionary"):
+        load_scene(ball(other=made))
+
+
 @pytest.mark.parametrize(
     "change",
     [
