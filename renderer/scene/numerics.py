@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 SMALL, LARGE = 1e-7, 1e7  # sizes beyond which even a rescaled scene loses digits
 FAR = 1e6  # distance from the origin in sizes of the scene: its coordinates have no digits left for details
 TINY_LIGHT = 1e-4  # of the scene's size
-THIN_GAP = 1e-5  # of the scene's size
+THIN_GAP = 5e-5  # of the scene's size: rays start 9e-5 of a coordinate off a surface
 _MAX_PAIRS = 400  # shapes to compare with each other
 
 

@@ -14,7 +14,7 @@ from renderer.scene.rewrite.emission import Unscalable
 from renderer.scene.rewrite.faces import without_flat_faces
 from renderer.scene.rewrite.film import neutralise_unused
 from renderer.scene.rewrite.lights import without_dark_lights, without_flat_shapes
-from renderer.scene.rewrite.similarity import Similarity, apply, choose
+from renderer.scene.rewrite.similarity import MODERATE_SCALE, Similarity, apply, choose
 from renderer.scene.source import Parsed
 
 # Names by which they are switched off, in the order in which they run.
@@ -89,16 +89,20 @@ def _placed(state: Any, parsed: Parsed) -> tuple[Any, Similarity, list[str]]:
     """The scene under the similarity that suits it, or as much of that as its plugins allow."""
     kept = {index for _, index in children(state, state.root)}
     wanted = choose(bounds([shape for shape in parsed.shapes if shape.index in kept]))
-    notes = []
-    for tried in (wanted, Similarity(1.0, wanted.centre), Similarity()):
+    notes, hindrance = [], ""
+    moderate = min(max(wanted.scale, 1 / MODERATE_SCALE), MODERATE_SCALE)
+    for tried in (wanted, Similarity(moderate, wanted.centre), Similarity(1.0, wanted.centre), Similarity()):
         try:
             made = apply(state, tried)
         except Unscalable as why:
-            notes = [f"not rescaled: {why}"]
+            hindrance = hindrance or str(why)
             continue
+        if hindrance and tried.scale == 1:
+            notes.append(f"not rescaled: {hindrance}")
         if tried.centre != (0.0, 0.0, 0.0):
             notes.append("moved to the origin from " + ", ".join(f"{x:.7g}" for x in tried.centre))
-        if tried.scale > _TOLD_SCALE or tried.scale < 1:
-            notes.append(f"rescaled by {tried.scale:g}")
+        if tried.scale > _TOLD_SCALE or tried.scale < 1 or (hindrance and tried.scale != 1):
+            more = f" and not by {wanted.scale:g}: {hindrance}" if hindrance else ""
+            notes.append(f"rescaled by {tried.scale:g}{more}")
         return made, tried, notes
     raise AssertionError("the identity is always possible")

@@ -31,7 +31,8 @@ SMALL_RADIUS, LARGE_RADIUS = 2.0**12, 2.0**30  # of a scene that is left at its 
 _FAR = 8.0
 _CENTRE_STEPS = 16  # per radius: the centre has few digits, so that subtracting it is exact
 _CLIPS = (("near_clip", 1e-2), ("far_clip", 1e4))  # Mitsuba's own defaults
-_MAX_GROWTH = 2.0**40  # of an intensity: float32 must hold it and its products
+MODERATE_SCALE = 2.0**20  # that point lights bear
+_MAX_GROWTH = MODERATE_SCALE**2  # of an intensity: float32 must hold it and its products
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,12 +14,14 @@ import pytest
 
 from renderer.backend import mitsuba
 from renderer.image.picture import write_png
+from renderer.progress import render
 from renderer.scene.compile import load_scene
 from renderer.scene.geometry import bounds, placed_shapes
 from renderer.scene.rewrite import passes
 from renderer.scene.rewrite.emission import Unscalable
 from renderer.scene.rewrite.similarity import Similarity, apply, choose
 from renderer.scene.source import parse
+from renderer.settings import Settings, Target
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "scenes"
 LARGER, SMALLER = Similarity(2.0**7, (1.0, -2.0, 0.5)), Similarity(2.0**-3)
@@ -237,6 +239,27 @@ def test_what_cannot_be_rescaled_is_left_and_told(tmp_path: Path) -> None:
     loaded = load_scene(source)
     assert loaded.similarity.is_identity
     assert loaded.requirements.notes == ("not rescaled: bsplinecurve has radii that do not grow with its transform",)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-4, 1e-5])
+def test_a_small_scene_with_a_point_light_keeps_its_light(size: float) -> None:
+    def mean(k: float) -> float:
+        there = mitsuba().ScalarTransform4f
+        film = {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}}
+        look = there().look_at([0, 0, 3 * k], [0, 0, 0], [0, 1, 0])
+        scene = {
+            "type": "scene",
+            "sensor": {"type": "perspective", "near_clip": 0.01 * k, "fov": 40, "to_world": look, "film": film},
+            "floor": {"type": "rectangle", "to_world": there().scale(2 * k)},
+            "ball": {"type": "sphere", "radius": 0.3 * k, "center": [0, 0, 0.5 * k]},
+            "lamp": {"type": "point", "position": [0, k, 2 * k], "intensity": {"type": "rgb", "value": k * k}},
+        }
+        loaded = load_scene(scene)
+        notes = " ".join(loaded.requirements.notes)
+        assert ("a point light" in notes) == (loaded.similarity.scale == 2.0**20)
+        return float(render(loaded, Target(spp=64), Settings(max_depth=3)).mean.mean())
+
+    assert mean(size) == pytest.approx(mean(1.0), rel=0.01)
 
 
 def test_the_rewrite_can_be_switched_off_and_is_then_another_scene(tmp_path: Path) -> None:
