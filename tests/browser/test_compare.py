@@ -130,7 +130,7 @@ def test_pause_resume_continue_and_delete(page: Page, service: Service) -> None:
     dialog.get_by_role("textbox", name="Samples per pixel").fill(str(int(reached) + 64))
     dialog.get_by_role("button", name="Continue").click()
     expect(details).to_contain_text("All samples taken", timeout=30_000)
-    assert service.job(job_id)["spp"] >= reached + 64
+    assert service.job(job_id)["spp"] >= int(reached) + 64  # a cancel comes in the middle of a round
 
     with page.expect_download() as download:
         details.get_by_role("link", name="JSON").click()
