@@ -3,10 +3,9 @@
 Enters: the scene's emitters. Leaves: a direction sample with its solid-angle pdf and the weight radiance/pdf, and the
 same pdf for a light that was hit by chance. Lights are chosen by their power, mixed with a uniform choice so that a dim
 light close by is never starved; lights at infinity each get a fixed share. Where there are many, what they give is
-surveyed first, and the choice depends on the place. Sphere lights are sampled by the cone they
-subtend, with 1 − cos written as sin²/(1 + cos): in float32 the plain form is off by 7 % at a milliradian and black
-below a tenth of one.
-Sources: Shirley, Wang & Zimmerman 1996; pbrt-v4, sections 6.2.4 and 12.6.
+surveyed first, and the choice depends on the place. Lights of even radiance on plates and balls are sampled by
+`even_lights.py`, all others by their plugins.
+Source: pbrt-v4, section 12.6.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
 from renderer.equation.collimated import CollimatedLights, is_collimated
+from renderer.equation.even_lights import EvenLights, registry_id
 from renderer.equation.light_choice import LightChoice
 from renderer.equation.light_survey import survey
 from renderer.equation.tables import table
@@ -30,7 +30,6 @@ UNIFORM_SHARE = 0.2  # of the choice among finite lights
 # fireflies, and halving the chance of the others costs next to nothing.
 FEW_LIGHTS, UNIFORM_SHARE_OF_FEW = 8, 0.5
 POWER_SAMPLES, MOST_POWER_SAMPLES = 1024, 2**20  # rays of one emitter, and of all
-ON_SURFACE = 0.9998  # (radius / distance)² from which a point counts as lying on a sphere
 # Shapes whose surface Mitsuba cannot sample: light on them is found by direction sampling alone.
 _UNSAMPLEABLE = ("SDFGrid", "BSplineCurve", "LinearCurve", "Ellipsoids", "EllipsoidsMesh")
 
@@ -52,6 +51,7 @@ class EmitterSampler:
         self.is_empty = not emitters
         if self.is_empty:
             return
+        self.samples_all = len(emitters) == len(list(scene.emitters()))
         self.only = emitters[0] if len(emitters) == 1 else None
         near = _side_by_side(emitters)
         emitters, weights = [emitters[i] for i in near], weights[near]
@@ -62,14 +62,7 @@ class EmitterSampler:
         by_id[ids] = np.arange(len(emitters))
         self.n_emitters = len(emitters)
         self.index_by_id = mi.UInt32(by_id)
-        spheres = [_sphere_of(e) for e in emitters]
-        self.has_spheres = any(s is not None for s in spheres)
-        if self.has_spheres:
-            by_id = np.zeros((int(ids.max()) + 1, 4), np.float32)
-            for i, sphere in zip(ids, spheres, strict=True):
-                if sphere is not None:
-                    by_id[i] = sphere
-            self.sphere_by_id = mi.Float(by_id.ravel())
+        self.even = EvenLights(scene, emitters)
         self.collimated = CollimatedLights(emitters, ids)
         self.choice = LightChoice(weights) if self.only is None else None
         if self.choice is not None and sensor is not None and len(emitters) > FEW_LIGHTS:
@@ -90,9 +83,7 @@ class EmitterSampler:
         """A point on a light as seen from `ref`, visibility not tested. Returns (DirectionSample3f, radiance / pdf)."""
         u = mi.Point2f(u)
         if self.choice is None:
-            assert self.only is not None
-            ds, weight = self.only.sample_direction(ref, u, active)
-            return self._refined(mi.EmitterPtr(self.only), ref, u, ds, weight, active)
+            return self._sample_one(ref, mi.UInt32(0), u, active)
         index, u, pmf = self.choice.sample(mi.UInt32(place), u, active)
         ds, weight = self._sample_one(ref, index, u, active)
         ds.pdf *= pmf
@@ -106,99 +97,61 @@ class EmitterSampler:
         return ds, weight / share
 
     def _sample_one(self, ref: Any, index: Any, u: Any, active: Any) -> tuple[Any, Any]:
-        emitter = dr.gather(mi.EmitterPtr, self.pointers, index, active)
-        ds, weight = emitter.sample_direction(ref, u, active)
-        return self._refined(emitter, ref, u, ds, weight, active)
-
-    def _refined(self, emitter: Any, ref: Any, u: Any, ds: Any, weight: Any, active: Any) -> tuple[Any, Any]:
-        """Mitsuba's sample of an emitter, replaced where we know better."""
-        if self.has_spheres:
-            sphere = self._sphere(emitter, active)
-            is_sphere = active & (sphere.w != 0)
-            ds_sphere, weight_sphere = sample_sphere(ref, u, emitter, sphere, is_sphere)
+        if self.only is not None:
+            emitter = mi.EmitterPtr(self.only)
+        else:
+            emitter = dr.gather(mi.EmitterPtr, self.pointers, index, active)
+        if self.even.knows_all:
+            return self.even.sample(ref, index, emitter, u, active)
+        is_even = self.even.is_known(index, active)
+        asked = self.only if self.only is not None else emitter  # one alone is traced itself, not called
+        ds, weight = asked.sample_direction(ref, u, active & ~is_even)
+        if not self.even.is_empty:
+            ds_even, weight_even = self.even.sample(ref, index, emitter, u, is_even)
             for name in ("p", "n", "d", "dist", "pdf"):
-                setattr(ds, name, dr.select(is_sphere, getattr(ds_sphere, name), getattr(ds, name)))
-            weight = dr.select(is_sphere, weight_sphere, weight)
+                setattr(ds, name, dr.select(is_even, getattr(ds_even, name), getattr(ds, name)))
+            ds.emitter, ds.delta = emitter, ~is_even & ds.delta
+            weight = dr.select(is_even, weight_even, weight)
         if not self.collimated.is_empty:
             ds, weight = self.collimated.sample(ref, emitter, ds, weight, active)
         return ds, weight
 
     def pdf(self, ref: Any, ds: Any, active: Any, place: Any = 0) -> Any:
         """Solid-angle density with which `sample` finds the hit `ds`."""
-        if self.choice is None:
-            is_known = active & (ds.emitter == mi.EmitterPtr(self.only))
-            pmf = dr.select(is_known, mi.Float(1), 0)
+        index, is_known = self._index(ds.emitter, active)
+        pmf = mi.Float(1) if self.choice is None else self.choice.pmf(mi.UInt32(place), index, is_known)
+        if self.even.knows_all:
+            pdf = self.even.pdf(ref, ds, index, is_known)
         else:
-            index = dr.gather(mi.UInt32, self.index_by_id, self._id(ds.emitter), active)
-            is_known = active & (index < self.n_emitters)
-            pmf = self.choice.pmf(mi.UInt32(place), index, is_known)
-        pdf = ds.emitter.pdf_direction(ref, ds, is_known)
-        if self.has_spheres:
-            sphere = self._sphere(ds.emitter, is_known)
-            pdf = dr.select(sphere.w != 0, sphere_pdf(ref.p, sphere, ds), pdf)
+            is_even = self.even.is_known(index, is_known)
+            pdf = ds.emitter.pdf_direction(ref, ds, is_known & ~is_even)
+            if not self.even.is_empty:
+                pdf = dr.select(is_even, self.even.pdf(ref, ds, index, is_even), pdf)
         return dr.select(is_known, pdf * pmf, 0)
+
+    def emission(self, si: Any, emitter: Any, active: Any) -> Any:
+        """Radiance of a light that a ray hit, back along the ray."""
+        if self.is_empty or self.even.is_empty or mi.is_spectral:
+            return emitter.eval(si, active)
+        index, is_known = self._index(emitter, active)
+        is_even = self.even.is_known(index, is_known)
+        radiance = dr.select(is_even, self.even.radiance(si, index, is_even), 0)
+        if not (self.even.knows_all and self.samples_all):
+            radiance = dr.select(is_even, radiance, emitter.eval(si, active & ~is_even))
+        return radiance
+
+    def _index(self, emitter: Any, active: Any) -> tuple[Any, Any]:
+        """The index of an emitter, and whether it is one of those that are sampled."""
+        if self.only is not None:
+            return mi.UInt32(0), active if self.samples_all else active & (emitter == mi.EmitterPtr(self.only))
+        index = dr.gather(mi.UInt32, self.index_by_id, self._id(emitter), active)
+        return index, active & (index < self.n_emitters)
 
     def _id(self, emitter: Any) -> Any:
         # An id beyond the table is an emitter that is not sampled; entry 0 is no emitter's and tells so.
         found: Any = dr.reinterpret_array(mi.UInt32, emitter)
         known: Any = found < dr.width(self.index_by_id)
         return dr.select(known, found, 0)
-
-    def _sphere(self, emitter: Any, active: Any) -> Any:
-        return dr.gather(mi.Vector4f, self.sphere_by_id, self._id(emitter), active)
-
-
-def sample_sphere(ref: Any, u: Any, emitter: Any, sphere: Any, active: Any) -> tuple[Any, Any]:
-    """A point on a sphere light. From outside: uniform in the cone it subtends. From inside or on it: by area.
-
-    Returns (DirectionSample3f, radiance / pdf). sphere: centre and radius, the radius negative if it shines inwards.
-    """
-    to_centre = mi.Vector3f(sphere.x, sphere.y, sphere.z) - ref.p
-    radius = dr.abs(sphere.w)
-    is_outside, one_minus_cos = cone(to_centre, radius)
-    frame = mi.Frame3f(dr.normalize(to_centre))
-    drop = u.x * one_minus_cos  # 1 − cosθ of the direction, exact for tiny cones
-    sin_theta_2, sin_max_2 = drop * (2 - drop), one_minus_cos * (2 - one_minus_cos)
-    sin_phi, cos_phi = dr.sincos(dr.two_pi * u.y)
-    # Angle at the centre between the point and the line of sight: stays exact where p − centre would cancel.
-    ratio_2 = sin_theta_2 / sin_max_2
-    cos_alpha = dr.clip(dr.sqrt(ratio_2 * sin_theta_2) + (1 - drop) * dr.safe_sqrt(1 - ratio_2), -1, 1)
-    sin_alpha = dr.safe_sqrt(1 - dr.square(cos_alpha))
-    n = frame.to_world(mi.Vector3f(sin_alpha * cos_phi, sin_alpha * sin_phi, -cos_alpha))
-    n = dr.select(is_outside, n, mi.warp.square_to_uniform_sphere(u))
-
-    ds = dr.zeros(mi.DirectionSample3f)
-    towards = to_centre + radius * n
-    ds.p = ref.p + towards
-    ds.dist = dr.norm(towards)
-    ds.d = towards / ds.dist
-    ds.n = dr.select(sphere.w > 0, n, -n)
-    ds.pdf = dr.select(active & (ds.dist > 0), sphere_pdf(ref.p, sphere, ds), 0)
-
-    si = dr.zeros(mi.SurfaceInteraction3f)
-    si.p, si.n = ds.p, ds.n
-    si.sh_frame = mi.Frame3f(ds.n)
-    si.wi = si.to_local(-ds.d)
-    si.time, si.wavelengths = ref.time, ref.wavelengths
-    return ds, dr.select(ds.pdf > 0, emitter.eval(si, active) / ds.pdf, 0)
-
-
-def sphere_pdf(p: Any, sphere: Any, ds: Any) -> Any:
-    """Solid-angle density with which `sample_sphere` at p draws the point of `ds`."""
-    radius = dr.abs(sphere.w)
-    is_outside, one_minus_cos = cone(mi.Vector3f(sphere.x, sphere.y, sphere.z) - p, radius)
-    by_area = dr.square(ds.dist) / (4 * dr.pi * dr.square(radius) * dr.abs(dr.dot(ds.d, ds.n)))
-    return dr.select(is_outside, dr.rcp(dr.two_pi * one_minus_cos), by_area)
-
-
-def cone(to_centre: Any, radius: Any) -> tuple[Any, Any]:
-    """Whether a sphere is seen from outside, and 1 − cos of the half angle of the cone it subtends.
-
-    A point within 1e-4 of the surface counts as on it: rounding must not put it inside here and outside there.
-    """
-    sin_2 = dr.square(radius) / dr.squared_norm(to_centre)
-    is_outside = sin_2 < ON_SURFACE
-    return is_outside, dr.select(is_outside, sin_2 / (1 + dr.safe_sqrt(1 - sin_2)), 1)
 
 
 def choice_probabilities(emitters: list[Any]) -> NDArray[np.float64]:
@@ -270,30 +223,9 @@ def _rays(emitters: list[Any], n: int) -> NDArray[np.float64]:
     return np.broadcast_to(found, (len(found), len(i))).reshape(-1, len(emitters), n)
 
 
-def registry_id(emitter: Any) -> int:
-    """The number by which Dr.Jit's pointers name an emitter."""
-    pointer: Any = dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))
-    return int(pointer[0])
-
-
 def is_sampleable(emitter: Any) -> bool:
     """Whether emitter sampling can find an emitter: not on shapes whose surface Mitsuba cannot sample."""
     shape = emitter.get_shape()
     if emitter.class_name() == "DirectionalArea":
         return is_collimated(emitter)
     return shape is None or shape.class_name() not in _UNSAMPLEABLE
-
-
-def _sphere_of(emitter: Any) -> tuple[float, float, float, float] | None:
-    """Centre and radius (negative if it shines inwards) of a sphere light of constant radiance."""
-    shape = emitter.get_shape()
-    if shape is None or shape.class_name() != "Sphere" or emitter.class_name() != "AreaLight":
-        return None
-    if mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying):
-        return None
-    matrix = np.array(mi.traverse(shape)["to_world"].matrix, dtype=np.float64).reshape(4, 4)
-    centre, radius = matrix[:3, 3], float(np.linalg.norm(matrix[:3, 0]))
-    at = shape.sample_position(0, mi.Point2f(0.3, 0.4))
-    outwards = np.array(at.n, dtype=np.float64).ravel() @ (np.array(at.p, dtype=np.float64).ravel() - centre)
-    x, y, z = (float(c) for c in centre)
-    return x, y, z, radius if outwards > 0 else -radius

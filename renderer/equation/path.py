@@ -12,6 +12,9 @@ The techniques differ in how ωi is drawn (see `techniques.py`). Source: Kajiya 
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,9 +24,12 @@ from renderer.backend import mitsuba, using
 from renderer.equation import roulette
 from renderer.equation.emitters import EmitterSampler
 from renderer.equation.filter import PixelFilter
+from renderer.equation.matte import Matte
 from renderer.equation.mis import power_heuristic
+from renderer.equation.primitives import listed
+from renderer.equation.rays import NOWHERE, ListRays, TreeRays
 from renderer.equation.sequence import Sequence
-from renderer.equation.tables import table
+from renderer.equation.tables import arrays_in, table
 from renderer.equation.techniques import Directions
 
 mi: Any = mitsuba()
@@ -48,6 +54,8 @@ class Model:
     all are points and directions). needs_time: whether the picture depends on the time within the shutter's opening.
     has_delta: whether some directions are those of mirrors and clear glass. has_roulette: whether paths get so long.
     stratified: Owen-scrambled points, else independent ones. surveys_lights: choose among lights by the place.
+    has_tree: whether rays find surfaces by Mitsuba's tree, else by trying all of the scene's few primitives. needs_uv:
+    whether anything looks at texture coordinates or tangents.
     """
 
     technique: str
@@ -65,6 +73,8 @@ class Model:
     has_roulette: bool = True
     stratified: bool = True
     surveys_lights: bool = True
+    has_tree: bool = True
+    needs_uv: bool = True
 
     @property
     def samples_emitters(self) -> bool:
@@ -81,7 +91,9 @@ class PathKernel:
         self.sensor = sensor
         self.model = model
         self.filter = PixelFilter(mi, sensor.film().rfilter())
-        self.directions = Directions(model.technique, model.splits_lobes)
+        matte = Matte([shape.bsdf() for shape in scene.shapes()])
+        self.directions = Directions(model.technique, model.splits_lobes, matte)
+        self.rays = TreeRays(scene) if model.has_tree else ListRays(scene, listed(scene), model.needs_uv)
         surveys = model.samples_emitters and model.surveys_lights
         self.emitters = EmitterSampler(scene, sensor if surveys else None)
         self.samples_emitters = model.samples_emitters and not self.emitters.is_empty
@@ -92,6 +104,9 @@ class PathKernel:
         self.sizes: Sizes = tuple(dr.opaque(mi.UInt32, n) for n in numbers)
         self.shutter_open = float(sensor.shutter_open())
         self.shutter_time = float(sensor.shutter_open_time())
+        # Traced once and replayed: tracing a pass anew takes as long as rendering a small one.
+        state = (scene, sensor, arrays_in(self.filter, self.directions, self.emitters, self.rays, self.sizes))
+        self._replayed: Any = dr.freeze(self._run, state_fn=lambda *_: state)
 
     def launch(self, pixels: Any, replicates: Any, seed: int) -> tuple[Any, Any, Any]:
         """Starts one pass; reading the returned arrays waits for it.
@@ -101,15 +116,25 @@ class PathKernel:
         segments: UInt32 of n, of all its paths: what the lane cost.
         """
         low, high = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), dr.opaque(mi.UInt32, seed >> 32)
-        with dr.suspend_grad(), using(self.variant):
-            lanes = self._run(table(pixels, mi.UInt32), table(replicates, mi.UInt32), low, high, self.sizes)
+        with dr.suspend_grad(), using(self.variant), _collector_paused():
+            lanes = self._replay(table(pixels, mi.UInt32), table(replicates, mi.UInt32), low, high)
         dr.eval(*lanes)  # apart from what reads them: else their number would be compiled into the kernel
         return lanes
 
+    def _replay(self, *arguments: Any) -> Any:
+        try:
+            return self._replayed(*arguments)
+        except RuntimeError:
+            if self._replayed == self._run:
+                raise
+            # Some of Mitsuba's sensors and emitters keep numbers where a recording cannot find them.
+            self._replayed = self._run
+            return self._run(*arguments)
+
     @dr.syntax
-    def _run(self, pixel: Any, replicate: Any, seed_low: Any, seed_high: Any, sizes: Sizes) -> Any:
-        scene = self.scene
-        width, height, replicate_size, depth_limit, rr_depth = sizes
+    def _run(self, pixel: Any, replicate: Any, seed_low: Any, seed_high: Any) -> Any:
+        rays = self.rays
+        width, height, replicate_size, depth_limit, rr_depth = self.sizes
         key_a, key_b = Sequence.keys(seed_low, seed_high, pixel, replicate)
         sequence = Sequence(mi, key_a, key_b, replicate_size, self.model.stratified)
         column, row = mi.Float(pixel % width), mi.Float(pixel // width)
@@ -122,6 +147,7 @@ class PathKernel:
         is_new = mi.Bool(True)  # the next ray is a camera ray
         origin = mi.Point3f(0)  # next ray
         direction = mi.Vector3f(0)
+        start = mi.UInt32(NOWHERE)  # the surface that the next ray starts on
         time = mi.Float(0)
         wavelengths = dr.zeros(mi.Ray3f).wavelengths
         prev_p = mi.Point3f(0)  # vertex before, as the emitter pdf needs it
@@ -154,6 +180,8 @@ class PathKernel:
                 time[is_new] = camera_ray.time
             if dr.hint(mi.is_spectral, mode="scalar"):
                 wavelengths[is_new] = camera_ray.wavelengths
+            if dr.hint(rays.tracks_surfaces, mode="scalar"):
+                start[is_new] = NOWHERE
             throughput[is_new] = camera_weight * filter_weight
             if dr.hint(self.model.has_transmission, mode="scalar"):
                 eta[is_new] = 1
@@ -165,14 +193,14 @@ class PathKernel:
 
             ray = mi.Ray3f(origin, direction, time, wavelengths)
             ray.maxt = dr.select(is_new, camera_ray.maxt, ray.maxt)  # the camera's far plane
-            si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
-            bsdf = si.bsdf()
+            met = rays.meet(ray, start, active)
+            si, bsdf = met.si, met.bsdf
             segments += 1
 
             # ------------------------------ Emission ------------------------------
 
             if dr.hint(self.model.has_visible_emitters, mode="scalar"):
-                emitter = si.emitter(scene)
+                emitter = met.emitter
                 sees_emitter = active & (emitter != None)  # noqa: E711 (a Dr.Jit comparison)
                 if dr.hint(self.model.hide_emitters, mode="scalar"):
                     sees_emitter &= depth != 0
@@ -186,10 +214,11 @@ class PathKernel:
                         ref = dr.zeros(mi.Interaction3f)
                         ref.p = prev_p
                         ref.time = time
-                        ds_hit = mi.DirectionSample3f(scene, si, ref)
+                        ds_hit = mi.DirectionSample3f(self.scene, si, ref)
+                        ds_hit.emitter = emitter
                         pdf_em = self.emitters.pdf(ref, ds_hit, sees_emitter & ~is_alone, prev_place)
                         weight_hit = dr.select(is_alone, 1, power_heuristic(prev_pdf, pdf_em))
-                emission = emitter.eval(si, sees_emitter)
+                emission = self.emitters.emission(si, emitter, sees_emitter)
                 radiance[sees_emitter] = radiance + throughput * weight_hit * emission
 
             # ------------------------------ Go on? ------------------------------
@@ -207,7 +236,9 @@ class PathKernel:
             u_direction = sequence.point(index, vertex + BSDF_DIRECTION)
             contribution = mi.Spectrum(0)
             active_em = mi.Bool(False)
-            shadow_ray = dr.zeros(mi.Ray3f)
+            ref_em = dr.zeros(mi.Interaction3f)
+            ds = dr.zeros(mi.DirectionSample3f)
+            passes = None
             active_next &= ~passes_through
             if dr.hint(self.samples_emitters, mode="scalar"):
                 # Emitter sampling: a point on a light; visibility last, and only where it can matter.
@@ -216,11 +247,10 @@ class PathKernel:
                     active_em &= mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
                 # It is seen from where the next ray starts, a hair above the surface: then both techniques have the
                 # same directions to find it, and their weights sum to one even where a light touches the surface.
-                reflects = mi.Bool(True)
+                ref_em.p = rays.origin(si, -ray.d)
                 if dr.hint(self.model.has_transmission, mode="scalar"):
-                    reflects = ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission)
-                ref_em = dr.zeros(mi.Interaction3f)
-                ref_em.p = dr.select(reflects, si.spawn_ray(-ray.d).o, si.p)
+                    passes = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission)
+                    ref_em.p = dr.select(passes, si.p, ref_em.p)
                 ref_em.time, ref_em.wavelengths = si.time, si.wavelengths
                 u_light = sequence.point(index, vertex + EMITTER)
                 place = mi.UInt32(0)
@@ -231,24 +261,14 @@ class PathKernel:
                 ds, emitter_weight = self.emitters.sample(ref_em, u_light, active_em, place)
                 active_em &= ds.pdf != 0
                 wo = si.to_local(ds.d)
-                if dr.hint(self.model.splits_lobes, mode="scalar"):
-                    value, pdf = self.directions.eval_pdf(bsdf, ctx, si, wo, active_next)
-                    bs, bsdf_weight = self.directions.sample(
-                        bsdf, ctx, si, lobe_and_roulette.x, u_direction, active_next
-                    )
-                else:
-                    value, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
-                        ctx, si, wo, lobe_and_roulette.x, u_direction, active_next
-                    )
+                value, pdf, bs, bsdf_weight = self.directions.eval_pdf_sample(
+                    bsdf, ctx, si, wo, lobe_and_roulette.x, u_direction, active_next
+                )
                 weight_em = mi.Float(1)
                 if dr.hint(self.model.technique == "mis" and self.model.has_visible_emitters, mode="scalar"):
                     weight_em = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
                 contribution = throughput * si.to_world_mueller(value, -wo, si.wi) * emitter_weight * weight_em
                 active_em &= dr.any(contribution != 0)
-                shadow_ray = si.spawn_ray_to(ds.p)
-                shadow_ray.o = dr.select(reflects, ref_em.p, shadow_ray.o)
-                shadow_ray.d = dr.select(reflects, ds.d, shadow_ray.d)
-                shadow_ray.maxt = dr.select(reflects, ds.dist * (1 - mi.math.ShadowEpsilon), shadow_ray.maxt)
             else:
                 # Direction sampling alone: by the BSDF, or uniform or cosine for comparison.
                 bs, bsdf_weight = self.directions.sample(bsdf, ctx, si, lobe_and_roulette.x, u_direction, active_next)
@@ -256,24 +276,26 @@ class PathKernel:
             # ------------------------------ Visibility ------------------------------
 
             if dr.hint(self.samples_emitters, mode="scalar"):
-                is_visible = ~scene.ray_test(shadow_ray, False, active_em)
+                is_visible = ~rays.is_blocked(si, ref_em.p, ds, passes, met.surface, active_em)
                 radiance[active_em & is_visible] = radiance + contribution
 
             # ------------------------------ Update ------------------------------
 
-            next_ray = si.spawn_ray(si.to_world(bs.wo))
+            next_direction = si.to_world(bs.wo)
             if dr.hint(self.model.hide_emitters, mode="scalar"):
-                next_ray.o[passes_through] = si.spawn_ray(ray.d).o
-                next_ray.d[passes_through] = ray.d
+                next_direction[passes_through] = ray.d
+            next_origin = rays.origin(si, next_direction)
             throughput[active_next] = throughput * bsdf_weight
             if dr.hint(self.model.has_transmission, mode="scalar"):
                 eta[active_next] = eta * bs.eta
-            origin = next_ray.o
-            direction = next_ray.d
+            origin = next_origin
+            direction = next_direction
+            if dr.hint(rays.tracks_surfaces, mode="scalar"):
+                start = met.surface
             if dr.hint(self.model.has_transmission, mode="scalar"):
-                prev_p[active_next] = dr.select(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission), si.p, next_ray.o)
+                prev_p[active_next] = dr.select(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission), si.p, next_origin)
             else:
-                prev_p[active_next] = next_ray.o
+                prev_p[active_next] = next_origin
             prev_pdf[active_next] = bs.pdf
             if dr.hint(self.model.has_delta, mode="scalar"):
                 prev_delta[active_next] = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
@@ -312,3 +334,15 @@ class PathKernel:
         if mi.is_spectral:
             return mi.spectrum_to_srgb(radiance, wavelengths)
         return mi.Color3f(radiance)
+
+
+@contextmanager
+def _collector_paused() -> Iterator[None]:
+    """No garbage is collected inside: a scene that is freed while a kernel is recorded would end the process."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()

@@ -19,3 +19,18 @@ def table(values: Any, of_type: Any) -> Any:
     copy = of_type(np.ascontiguousarray(values, dtype)) + dr.opaque(of_type, 0)
     dr.eval(copy)
     return copy
+
+
+def arrays_in(*holders: Any) -> list[Any]:
+    """The Dr.Jit arrays that objects of ours hold, in a fixed order: what a recorded kernel reads."""
+    found: list[Any] = []
+    left = list(reversed(holders))
+    while left:
+        one = left.pop()
+        if dr.is_array_v(one):
+            found.append(one)
+        elif isinstance(one, list | tuple):
+            left += reversed(one)
+        elif type(one).__module__.startswith("renderer.") and hasattr(one, "__dict__"):
+            left += reversed(vars(one).values())
+    return found

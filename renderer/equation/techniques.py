@@ -12,6 +12,7 @@ from typing import Any
 import drjit as dr
 
 from renderer.backend import mitsuba
+from renderer.equation.matte import Matte
 
 mi: Any = mitsuba()
 
@@ -23,15 +24,16 @@ class Directions:
     it; Mitsuba's blends need it too, whose own sampling mixes a delta lobe's probability with the other's density.
     """
 
-    def __init__(self, technique: str, splits_lobes: bool = False) -> None:
+    def __init__(self, technique: str, splits_lobes: bool = False, matte: Matte | None = None) -> None:
         self.by_bsdf = technique not in ("uniform", "cosine")
         self.is_uniform = technique == "uniform"
         self.splits_lobes = splits_lobes or not self.by_bsdf
+        self.matte = matte or Matte([])
 
     def sample(self, bsdf: Any, ctx: Any, si: Any, u_lobe: Any, u: Any, active: Any) -> tuple[Any, Any]:
         """Returns (BSDFSample3f, weight)."""
         if not self.splits_lobes:
-            return bsdf.sample(ctx, si, u_lobe, u, active)
+            return self.matte.sample(bsdf, ctx, si, u_lobe, u, active)
         p_delta = delta_probability(bsdf)
         takes_delta = u_lobe < p_delta
         u_lobe = dr.select(takes_delta, u_lobe / p_delta, (u_lobe - p_delta) / (1 - p_delta))
@@ -61,6 +63,14 @@ class Directions:
             return bsdf.eval_pdf(ctx, si, wo, active)
         value, pdf = bsdf.eval_pdf(lobes("smooth"), si, wo, active)
         return value, pdf * (1 - delta_probability(bsdf))
+
+    def eval_pdf_sample(
+        self, bsdf: Any, ctx: Any, si: Any, wo: Any, u_lobe: Any, u: Any, active: Any
+    ) -> tuple[Any, ...]:
+        """What `eval_pdf` says of wo, and what `sample` draws."""
+        if not self.splits_lobes:
+            return self.matte.eval_pdf_sample(bsdf, ctx, si, wo, u_lobe, u, active)
+        return *self.eval_pdf(bsdf, ctx, si, wo, active), *self.sample(bsdf, ctx, si, u_lobe, u, active)
 
     def warp(self, wi: Any, has_transmission: Any, u_side: Any, u: Any) -> tuple[Any, Any]:
         """A local direction and its solid-angle pdf: over the hemisphere of wi, or all around if light passes."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +61,14 @@ class Scene:
         """How radiance depends on wavelength: mono, rgb or spectral."""
         return self.variant.rsplit("_", 1)[1]
 
+    @cached_property
+    def _is_listed(self) -> bool:
+        """Whether the scene has so few primitives that trying all of them is faster than a tree."""
+        from renderer.equation.primitives import primitives_of
+
+        with using(self.variant):
+            return primitives_of(self.mitsuba_scene) is not None
+
     @property
     def film(self) -> list[int]:
         """Film width and height, crop offset and crop size: they decide what a pixel sees."""
@@ -109,6 +118,8 @@ class Scene:
             needs_time=full or needs.needs_time,
             has_delta=full or needs.has_delta,
             has_roulette=full or depth < 0 or depth > needs.rr_depth,
+            has_tree=full or not self._is_listed,
+            needs_uv=full or needs.needs_uv,
         )
 
     def kernel(self, settings: Settings) -> PathKernel:

@@ -22,6 +22,13 @@ _ONE_SIDED = frozenset("diffuse conductor roughconductor plastic roughplastic pp
 _ENVIRONMENTS = frozenset("constant envmap sunsky timed_sunsky".split())
 _POINTS = frozenset("point spot projector directional directionalarea".split())
 _UNSEEN = frozenset("point spot projector directional".split())
+# The same wherever on the surface and whichever way it is turned, as long as their parameters are.
+_ISOTROPIC = (
+    _DELTA_ONLY
+    | frozenset("diffuse plastic roughplastic roughconductor roughdielectric".split())
+    | frozenset("twosided mask blendbsdf".split())
+)
+_EVEN = frozenset("uniform srgb regular irregular blackbody d65 rawconstant".split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +37,7 @@ class Features:
     surface unchanged. has_transmission: light may pass a surface. has_environment: light may come from a miss.
     has_point_lights: lights that no ray can hit. has_visible_emitters: lights that a ray can. reflects: some light may
     be reflected at all. needs_time: the picture depends on the time within the shutter's opening (nothing moves in
-    Mitsuba 3).
+    Mitsuba 3). needs_uv: something looks at texture coordinates or tangents of surfaces.
     """
 
     has_delta: bool
@@ -42,6 +49,7 @@ class Features:
     has_visible_emitters: bool
     reflects: bool
     needs_time: bool = False
+    needs_uv: bool = True
 
 
 def of(state: Any) -> Features:
@@ -62,7 +70,22 @@ def of(state: Any) -> Features:
         has_visible_emitters=bool(emitters - _UNSEEN),
         reflects=any(node.type == mi.ObjectType.BSDF and _reflects(state, node) for node in nodes)
         or has_bare_shape(state),
+        needs_uv=_needs_uv(state),
     )
+
+
+def _needs_uv(state: Any) -> bool:
+    """Whether a BSDF may have a direction of its own on the surface, or anything but the sky a texture."""
+    mi = mitsuba()
+    for node in state.nodes:
+        plugin = node.props.plugin_name()
+        if node.type == mi.ObjectType.BSDF and plugin not in _ISOTROPIC:
+            return True
+        if node.type == mi.ObjectType.BSDF and {"alpha_u", "alpha_v"} & {key for key, _ in properties(node)}:
+            return True
+        if node.type == mi.ObjectType.Texture and plugin not in _EVEN:
+            return True
+    return False
 
 
 def has_bare_shape(state: Any) -> bool:

@@ -64,6 +64,7 @@ class Requirements:
     has_visible_emitters: bool
     reflects: bool
     needs_time: bool
+    needs_uv: bool
     depth_advice: str
     notes: tuple[str, ...] = ()
     unsupported: tuple[str, ...] = ()
