@@ -125,7 +125,8 @@ class EvenLights:
 
 def registry_id(emitter: Any) -> int:
     """The number by which Dr.Jit's pointers name an emitter."""
-    return int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))[0])
+    pointer: Any = dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))
+    return int(pointer[0])
 
 
 def _fill(row: NDArray[np.float32], emitter: Any, shape: Any) -> None:

@@ -72,7 +72,8 @@ class Matte:
         """Reflectance of the side that is seen, the sign of its normal, and whether the surface is plain."""
         cosine = mi.Frame3f.cos_theta(si.wi)
         side = dr.select(cosine < 0, mi.Float(-1), 1)
-        at = dr.minimum(dr.reinterpret_array(mi.UInt32, bsdf), self.last)
+        found_id: Any = dr.reinterpret_array(mi.UInt32, bsdf)
+        at = dr.minimum(found_id, mi.UInt32(self.last))
         found = dr.gather(mi.Vector4f, self._rows, 2 * at + dr.select(cosine < 0, mi.UInt32(1), 0), active)
         reflectance = mi.Color3f(found.x, found.y, found.z)
         return mi.Spectrum(found.x) if mi.is_monochromatic else reflectance, side, found.w > 0
@@ -89,7 +90,8 @@ class Matte:
 
 def registry_id(bsdf: Any) -> int:
     """The number by which Dr.Jit's pointers name a BSDF."""
-    return int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
+    pointer: Any = dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))
+    return int(pointer[0])
 
 
 def _may_be_plain(bsdf: Any) -> bool:
@@ -114,7 +116,7 @@ def _reflectances(bsdfs: list[Any]) -> dict[int, tuple[Any, Any] | None]:
     si.wi, si.sh_frame = wi, mi.Frame3f(mi.Normal3f(0, 0, 1))
     si.n = mi.Normal3f(0, 0, 1)
     si.uv = mi.Point2f(*(table(x, mi.Float) for x in rng.random((2, n))))
-    pointers = dr.reinterpret_array(mi.BSDFPtr, table(np.repeat(ids, 2 * PROBES), mi.UInt32))
+    pointers: Any = dr.reinterpret_array(mi.BSDFPtr, table(np.repeat(ids, 2 * PROBES), mi.UInt32))
     value, pdf = pointers.eval_pdf(mi.BSDFContext(), si, wo, dr.full(mi.Bool, True, n))
     values = np.array(value, np.float64)
     channels = 1 if mi.is_monochromatic else 3

@@ -152,7 +152,8 @@ class ListRays:
     def is_blocked(self, si: Any, origin: Any, ds: Any, passes: Any, start: Any, active: Any) -> Any:
         """Whether anything lies between a surface and a point on a light."""
         # A plate or a ball does not hide its own points: those that turn away send nothing.
-        target = dr.gather(mi.UInt32, self._lights, dr.reinterpret_array(mi.UInt32, ds.emitter), active)
+        light: Any = dr.reinterpret_array(mi.UInt32, ds.emitter)
+        target = dr.gather(mi.UInt32, self._lights, light, active)
         return active & self._any(origin, ds.d, ds.dist * (1 - SHADOW_EPSILON), start, target)
 
     # ------------------------------ Trying all ------------------------------
@@ -258,7 +259,8 @@ def _try_tube(tube: Tube, o: Any, d: Any, start: Any) -> tuple[Any, Any]:
 
 
 def _pointers(of_type: Any, objects: list[Any]) -> Any:
-    ids = [0 if one is None else int(dr.reinterpret_array(mi.UInt32, of_type(one))[0]) for one in objects]
+    bare: list[Any] = [dr.reinterpret_array(mi.UInt32, of_type(one)) for one in objects]
+    ids = [0 if one is None else int(pointer[0]) for one, pointer in zip(objects, bare, strict=True)]
     return dr.reinterpret_array(of_type, table(ids, mi.UInt32))
 
 

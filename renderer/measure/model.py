@@ -34,6 +34,8 @@ _TOLD = {
     "needs_time": "time within the shutter",
     "has_delta": "mirrors and clear glass",
     "has_roulette": "roulette",
+    "has_tree": "a tree of the shapes",
+    "needs_uv": "texture coordinates",
 }
 
 
@@ -101,7 +103,7 @@ def _compilation(scene: Scene, model: Model, turn: int) -> tuple[int, float]:
         lane = dr.opaque(mi.UInt32, 0, 16)
         anew = mi.UInt32((time.time_ns() // 1000) % 2**31 + turn)  # no opaque: part of the code
         dr.kernel_history_clear()
-        dr.eval(kernel._run(lane, lane, anew, mi.UInt32(turn), kernel.sizes))
+        dr.eval(kernel._run(lane, lane, anew, mi.UInt32(turn)))
         dr.sync_thread()
         found = max(dr.kernel_history(), key=lambda k: k.get("operation_count", 0))
     return int(found["operation_count"]), (found["codegen_time"] + found["backend_time"]) / 1000

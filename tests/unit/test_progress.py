@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderer import plan
+from renderer import plan, progress
 from renderer.errors import CheckpointError, SettingsError
 from renderer.estimate.estimate import Estimate, merge
 from renderer.estimate.moments import Moments
@@ -255,7 +255,13 @@ def test_a_forecast_is_for_an_error_target_only_and_gone_at_the_end(scene: Scene
     assert snapshots(scene, Target(error=0.1))[-1].forecast is None
 
 
-def test_the_curve_goes_forward_in_time_and_samples(scene: Scene, kernel: NoisyKernel) -> None:
+def test_the_curve_goes_forward_in_time_and_samples(
+    scene: Scene, kernel: NoisyKernel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A snapshot after every pass: by the clock, a fast machine would be done after the first.
+    monkeypatch.setattr(progress, "MIN_SNAPSHOT_SECONDS", 0.0)
+    monkeypatch.setattr(progress, "MAX_SNAPSHOT_SECONDS", 0.0)
+    monkeypatch.setattr(progress, "MAX_SNAPSHOT_SHARE", 1e9)
     curve = snapshots(scene, Target(spp=160))[-1].curve
     assert len(curve) >= 3
     assert [p.seconds for p in curve] == sorted(p.seconds for p in curve)
