@@ -18,6 +18,7 @@ TECHNIQUES = ("mis", "bsdf", "emitter", "cosine", "uniform")
 MAX_SIDE = 16384
 MAX_REPLICATE_SIZE = 64
 DEFAULT_REPLICATE_SIZE = 16
+ENOUGH_REPLICATES = 16  # of a pixel in the mean, so that nearly all have enough for an interval that may be trusted
 UNLIMITED_DEPTH = -1
 DEFAULT_CONFIDENCE = 0.95
 
@@ -125,14 +126,22 @@ class Target:
         return asdict(self) | {"region": None if self.region is None else self.region.as_list()}
 
 
-def replicate_size_for(settings: Settings, target: Target) -> int:
+def replicate_size_for(settings: Settings, target: Target, spp_per_second: float = 0.0) -> int:
     """Samples per replicate: as asked, else 16, or less where few samples are asked for, so that an error bar is left.
 
-    A replicate is the unit of every error bar; below four of them an interval says next to nothing.
+    A replicate is the unit of every error bar; below four of them an interval says next to nothing. The more samples
+    stratify each other, the less noise: where the target says that there will be many, and asks for no error that
+    might be reached before, a replicate has up to 64. spp_per_second: to expect where the target is a time.
     """
     if settings.replicate_size is not None:
         return settings.replicate_size
     size = DEFAULT_REPLICATE_SIZE
     while target.spp is not None and size > 1 and target.spp < 4 * size:
         size //= 2
+    if target.error is not None:
+        return size
+    limits = [] if target.spp is None else [float(target.spp)]
+    limits += [] if target.seconds is None else [target.seconds * spp_per_second]
+    while 2 * size <= MAX_REPLICATE_SIZE and min(limits) >= ENOUGH_REPLICATES * 2 * size:
+        size *= 2
     return size

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 MOST_TRIANGLES = 1024  # worth looking at
-MOST_COST = 64.0  # in plates, from which on a tree is faster
+MOST_COST = 120.0  # in plates, from which on a tree is faster
 FLAT_NORMAL = 1e-6  # 1 − cosine up to which a vertex normal is that of its face
 SAME_PLACE = 1e-6  # relative to the size of the scene
 

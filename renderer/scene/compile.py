@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,8 @@ import numpy as np
 from renderer.backend import using, variant_for
 from renderer.scene import rewrite
 from renderer.scene.limits import SceneLimits
-from renderer.scene.requirements import NO_EMITTERS, Requirements, measure, refuse_unsupported
+from renderer.scene.numerics import THIN_GAP_LISTED
+from renderer.scene.requirements import NO_EMITTERS, Requirements, measure, refuse_unsupported, warnings_of
 from renderer.scene.rewrite import passes
 from renderer.scene.rewrite.similarity import Similarity
 from renderer.scene.source import Parsed, instantiate, load_part, parse
@@ -35,6 +35,7 @@ class Scene:
 
     variant: of Mitsuba, that `mitsuba_scene` and `sensor` belong to; use them inside `backend.using(variant)`.
     similarity: from the scene as it was written to the one that is rendered. rewrites: those that were done.
+    is_listed: whether it has so few primitives that trying all of them is faster than a tree.
     """
 
     source: str | Path | dict[str, Any]
@@ -48,6 +49,7 @@ class Scene:
     variant: str
     similarity: Similarity
     rewrites: tuple[str, ...]
+    is_listed: bool
     _parsed: Parsed = field(repr=False)
     _kernels: dict[Any, PathKernel] = field(default_factory=dict, repr=False)
 
@@ -60,14 +62,6 @@ class Scene:
     def colour(self) -> str:
         """How radiance depends on wavelength: mono, rgb or spectral."""
         return self.variant.rsplit("_", 1)[1]
-
-    @cached_property
-    def _is_listed(self) -> bool:
-        """Whether the scene has so few primitives that trying all of them is faster than a tree."""
-        from renderer.equation.primitives import primitives_of
-
-        with using(self.variant):
-            return primitives_of(self.mitsuba_scene) is not None
 
     @property
     def film(self) -> list[int]:
@@ -118,7 +112,7 @@ class Scene:
             needs_time=full or needs.needs_time,
             has_delta=full or needs.has_delta,
             has_roulette=full or depth < 0 or depth > needs.rr_depth,
-            has_tree=full or not self._is_listed,
+            has_tree=full or not self.is_listed,
             needs_uv=full or needs.needs_uv,
         )
 
@@ -189,6 +183,8 @@ def load_parsed(
     source: str | Path | dict[str, Any], parsed: Parsed, asked: Settings, rewrites: Collection[str] = passes.ALL
 ) -> Scene:
     """Loads what was parsed from a source. Raises as `load_scene` does."""
+    from renderer.equation.primitives import primitives_of
+
     passes.check_names(rewrites)
     needs = measure(parsed)
     refuse_unsupported(needs)
@@ -199,11 +195,14 @@ def load_parsed(
         made = instantiate(changed)
         notes += passes.after_loading(made, rewrites, parsed.name)
         sensor, width, height = _make_sensor(changed, made, asked.width, asked.height)
+        is_listed = primitives_of(made) is not None
     needs = replace(needs, notes=notes)
+    if is_listed:  # rays start on its surfaces, not a hair above
+        needs = replace(needs, warnings=warnings_of(parsed, THIN_GAP_LISTED))
     if needs.emitters and not made.emitters():
         needs = replace(needs, warnings=(*needs.warnings, NO_EMITTERS))
     digest = passes.digest_with(parsed.digest, rewrites)
-    placing = (similarity, tuple(rewrites))
+    placing = (similarity, tuple(rewrites), is_listed)
     return Scene(source, parsed.name, digest, width, height, needs, made, sensor, variant, *placing, changed)
 
 

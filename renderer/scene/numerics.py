@@ -21,12 +21,13 @@ if TYPE_CHECKING:
 SMALL, LARGE = 1e-7, 1e7  # sizes beyond which even a rescaled scene loses digits
 FAR = 1e6  # distance from the origin in sizes of the scene: its coordinates have no digits left for details
 TINY_LIGHT = 1e-4  # of the scene's size
-THIN_GAP = 5e-5  # of the scene's size: rays start 9e-5 of a coordinate off a surface
+THIN_GAP = 5e-5  # of the scene's size: rays start 9e-5 of a coordinate off a surface,
+THIN_GAP_LISTED = 1e-6  # but on it where a scene has so few primitives that all are tried (`equation/rays.py`)
 _MAX_PAIRS = 400  # shapes to compare with each other
 
 
-def numerical_warnings(parsed: Parsed, shapes: list[Placed]) -> tuple[str, ...]:
-    """The warnings of a scene, in the order of the list above."""
+def numerical_warnings(parsed: Parsed, shapes: list[Placed], thin_gap: float = THIN_GAP) -> tuple[str, ...]:
+    """The warnings of a scene, in the order of the list above. thin_gap: what rays cannot tell apart, of its size."""
     box = bounds(shapes)
     if box is None:
         return ()
@@ -41,7 +42,7 @@ def numerical_warnings(parsed: Parsed, shapes: list[Placed]) -> tuple[str, ...]:
             "move it to the origin, its coordinates have hardly any digits left"
         )
     warnings += _small_lights(parsed, shapes, size)
-    warnings += _thin_gaps(parsed, shapes, size)
+    warnings += _thin_gaps(parsed, shapes, thin_gap * size)
     return tuple(warnings)
 
 
@@ -69,22 +70,22 @@ def _small_lights(parsed: Parsed, shapes: list[Placed], size: float) -> list[str
     return warnings
 
 
-def _thin_gaps(parsed: Parsed, shapes: list[Placed], size: float) -> list[str]:
+def _thin_gaps(parsed: Parsed, shapes: list[Placed], thin: float) -> list[str]:
     """Concentric spheres and parallel plates closer than rays can tell apart."""
     spheres = [(shape, *_sphere(parsed.state, shape)) for shape in shapes if shape.plugin == "sphere"]
     plates = [shape for shape in shapes if shape.plugin in ("rectangle", "disk")]
     for (a, centre_a, radius_a), (b, centre_b, radius_b) in itertools.combinations(spheres[:_MAX_PAIRS], 2):
         gap = abs(radius_a - radius_b) - float(np.linalg.norm(centre_a - centre_b))
-        if 0 < gap < THIN_GAP * size:
+        if 0 < gap < thin:
             return [_gap(parsed, a, b, gap)]
     for a, b in itertools.combinations(plates[:_MAX_PAIRS], 2):
         normal = np.linalg.inv(a.to_world)[:3, :3].T @ [0.0, 0.0, 1.0] if _is_regular(a) else np.zeros(3)
         length = float(np.linalg.norm(normal))
-        if not length or not _overlap(a, b, THIN_GAP * size):
+        if not length or not _overlap(a, b, thin):
             continue
         normal /= length
         heights = [abs(float(normal @ (corner - a.to_world[:3, 3]))) for corner in _corners(b)]
-        if 0 < max(heights) < THIN_GAP * size:
+        if 0 < max(heights) < thin:
             return [_gap(parsed, a, b, max(heights))]
     return []
 

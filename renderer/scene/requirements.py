@@ -15,8 +15,8 @@ from renderer.errors import SceneError, UnsupportedScene
 from renderer.scene import features
 from renderer.scene.colour import coloured_by
 from renderer.scene.depth import depth_advice
-from renderer.scene.geometry import Placed, bounds
-from renderer.scene.numerics import numerical_warnings
+from renderer.scene.geometry import bounds
+from renderer.scene.numerics import THIN_GAP, numerical_warnings
 from renderer.scene.source import Parsed
 from renderer.scene.vet.nodes import number, properties
 
@@ -130,7 +130,7 @@ def measure(parsed: Parsed) -> Requirements:
         max_depth=max_depth,
         rr_depth=max(rr_depth, 1),
         hide_emitters=hide_emitters,
-        warnings=_warnings(parsed, shapes, found),
+        warnings=warnings_of(parsed),
         triangles=parsed.assets.triangles + own,
         texture_pixels=parsed.assets.texture_pixels,
         memory_bytes=parsed.assets.memory_bytes,
@@ -162,8 +162,10 @@ def _unsupported(node: Any, plugin: str) -> str | None:
     return None
 
 
-def _warnings(parsed: Parsed, shapes: list[Placed], found: features.Features) -> tuple[str, ...]:
+def warnings_of(parsed: Parsed, thin_gap: float = THIN_GAP) -> tuple[str, ...]:
+    """What is legal but odd about a scene. thin_gap: see `numerical_warnings`."""
     mi = mitsuba()
+    found = numerical_warnings(parsed, parsed.shapes, thin_gap)
     if not any(node.type == mi.ObjectType.Emitter for node in parsed.state.nodes):
-        return (NO_EMITTERS, *numerical_warnings(parsed, shapes))
-    return numerical_warnings(parsed, shapes)
+        return (NO_EMITTERS, *found)
+    return found

@@ -137,3 +137,23 @@ def test_one_pixel_takes_a_hundred_million_samples() -> None:
     assert moments.count[0] > 1e8
     assert abs(moments.mean[0, 0] / float(np.float32(0.7)) - 1) < 1e-12
     assert 0 <= moments.variance_of_mean()[0, 0] < 1e-24
+
+
+@pytest.mark.parametrize("gap", [4e-5, 4e-6])
+def test_light_reaches_a_ball_through_a_shell_that_nearly_touches_it(gap: float, seed: int) -> None:
+    """A ball of albedo 0.6 in a bubble of nothing, under a white sky: 0.6 wherever it is seen."""
+    film = {"type": "hdrfilm", "width": 8, "height": 8}
+    look = mi.ScalarTransform4f().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0])
+    scene = renderer.load_scene(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 8},
+            "sensor": {"type": "perspective", "fov": 14, "to_world": look, "film": film},
+            "ball": {"type": "sphere", "radius": 1, "bsdf": {"type": "diffuse", "reflectance": 0.6}},
+            "bubble": {"type": "sphere", "radius": 1 + gap, "bsdf": {"type": "null"}},
+            "sky": {"type": "constant"},
+        }
+    )
+    assert not any("thin gap" in warning for warning in scene.warnings)
+    found, error = mean_and_error(renderer.render(scene, renderer.Target(spp=256), renderer.Settings(seed=seed)))
+    assert abs(found - 0.6) < z_limit(2) * error + 1e-2 * 0.6

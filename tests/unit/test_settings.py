@@ -142,6 +142,15 @@ def test_few_samples_get_small_replicates_so_that_four_are_left(spp: int | None,
     assert spp is None or spp < 4 or spp // size >= 4
 
 
+@pytest.mark.parametrize(("spp", "size"), [(64, 16), (511, 16), (512, 32), (1023, 32), (1024, 64), (2**20, 64)])
+def test_many_samples_get_large_replicates_so_that_sixteen_are_left(spp: int, size: int) -> None:
+    assert replicate_size_for(Settings(), Target(spp=spp)) == size
+    assert replicate_size_for(Settings(), Target(seconds=2), spp / 2) == size
+    # The first limit reached wins, and an error may be reached at any time.
+    assert replicate_size_for(Settings(), Target(seconds=2, spp=64), spp / 2) == 16
+    assert replicate_size_for(Settings(), Target(seconds=2, error=0.01), spp / 2) == 16
+
+
 @pytest.mark.parametrize("asked", [1, 2, 64])
 def test_a_replicate_size_that_is_asked_for_is_taken(asked: int) -> None:
     assert replicate_size_for(Settings(replicate_size=asked), Target(spp=4)) == asked
