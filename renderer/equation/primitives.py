@@ -111,8 +111,10 @@ def primitives_of(scene: Any) -> Primitives | None:
         return None
     if sum(int(shape.face_count()) for shape in shapes if shape.is_mesh()) > MOST_TRIANGLES:
         return None
-    box = scene.bbox()
-    size = float(np.max(np.abs(np.array([box.min, box.max], np.float64)), initial=1e-30))
+    # Not the scene's own bounds: merged meshes have none in Mitsuba 3.9.1.
+    reach = [np.abs(np.array(shape.vertex_positions_buffer())).max(initial=0.0) for shape in shapes if shape.is_mesh()]
+    reach += [np.abs(np.array([box.min, box.max])).max() for box in (s.bbox() for s in shapes if not s.is_mesh())]
+    size = max(float(np.max(reach, initial=0.0)), 1e-30)
     found_plates: list[tuple[int, tuple[int, ...], Array]] = []
     has_normals = False
     for number, shape in enumerate(shapes):

@@ -33,6 +33,8 @@ from renderer.scene.vet.xml import check_xml
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+_AT_INFINITY = frozenset("constant envmap sunsky timed_sunsky directional".split())
+
 
 @dataclass(frozen=True, slots=True)
 class Parsed:
@@ -150,10 +152,15 @@ def _open_bundle(path: Path, config: Any, limits: SceneLimits) -> _Opened:
 
 
 def instantiate(parsed: Parsed) -> Any:
-    """The Mitsuba scene of a parsed one (merges meshes and equal materials, as Mitsuba does)."""
+    """The Mitsuba scene of a parsed one: merges equal materials and, without lights at infinity, meshes.
+
+    A merged mesh has no bounds in Mitsuba 3.9.1, and light from infinity comes from just outside of the scene's: what
+    lay beyond hid nothing, and a wall of merged meshes let the sky through.
+    """
     mi = mitsuba()
     state = mi.parser.ParserState(parsed.state)  # the passes change it; the parsed form is kept as it was read
-    scene = _instantiate(parsed, state)
+    emitters = {node.props.plugin_name() for node in state.nodes if node.type == mi.ObjectType.Emitter}
+    scene = _instantiate(parsed, state, merges_meshes=not emitters & _AT_INFINITY)
     if not isinstance(scene, mi.Scene):
         raise SceneError(f"{parsed.name}: the outermost element is no scene but {type(scene).__name__}")
     return scene
@@ -168,9 +175,10 @@ def load_part(parsed: Parsed, description: dict[str, Any]) -> Any:
     return _instantiate(parsed, state)
 
 
-def _instantiate(parsed: Parsed, state: Any) -> Any:
+def _instantiate(parsed: Parsed, state: Any, merges_meshes: bool = True) -> Any:
     mi = mitsuba()
     config = mi.parser.ParserConfig(mi.variant())
+    config.merge_meshes = merges_meshes
     with _file_resolver(parsed.folders):
         guarded(lambda: mi.parser.transform_all(config, state), parsed.name, parsed.folders)
         made = guarded(lambda: mi.parser.instantiate(config, state), parsed.name, parsed.folders)

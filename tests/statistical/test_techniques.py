@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import z_limit
 
 import renderer
+from renderer.backend import mitsuba
 from renderer.settings import TECHNIQUES
 
 # Techniques that find the scene's light often enough for a finite run to say something: uniform directions miss the
@@ -50,3 +52,29 @@ def test_techniques_agree(name: str, seed: int) -> None:
         assert np.abs(z).max() < limit, f"{name}: {first} and {second} differ, z up to {np.abs(z).max():.2f}"
         whole = (a - b).sum() / np.sqrt((va + vb + rounding**2).sum())
         assert abs(whole) < limit, f"{name}: image means by {first} and {second}: z = {whole:+.2f}"
+
+
+@pytest.mark.parametrize("light", [{"type": "constant"}, {"type": "directional", "direction": [0.3, 0.2, -1.0]}])
+def test_a_closed_room_of_equal_walls_lets_no_light_in_from_infinity(light: dict[str, Any], seed: int) -> None:
+    """Mitsuba 3.9.1 merges the walls to a mesh without bounds, and looks for the sun no further than the ball."""
+    transform = mitsuba().ScalarTransform4f
+    grey = {"type": "twosided", "bsdf": {"type": "diffuse"}}
+    turns = (([1, 0, 0], 0), ([1, 0, 0], 90), ([1, 0, 0], 180), ([1, 0, 0], 270), ([0, 1, 0], 90), ([0, 1, 0], 270))
+    walls = {
+        f"wall-{i}": {
+            "type": "rectangle",
+            "to_world": transform().rotate(axis, angle).translate([0, 0, -10]).scale(10.001),
+            "bsdf": grey,
+        }
+        for i, (axis, angle) in enumerate(turns)
+    }
+    contents = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 4},
+        "sensor": {"type": "perspective", "to_world": transform().look_at([0, -5, 1], [0, 0, 0], [0, 0, 1])},
+        "ball": {"type": "sphere", "radius": 0.5, "bsdf": grey},
+        "light": light,
+        **walls,
+    }
+    estimate = renderer.render(contents, renderer.Target(spp=64), renderer.Settings(16, 12, seed))
+    assert not estimate.mean.any()
