@@ -100,8 +100,13 @@ class Hub:
     async def tell_transitions(self) -> None:
         """Pass on what is new in the store. One reader at a time keeps the order of the ids."""
         async with self._reading:
-            while events := await asyncio.to_thread(self._store.events_after, self._last_event_id, _PAGE):
-                self._last_event_id = events[-1].id
+            is_more = True
+            while is_more:
+                events = await asyncio.to_thread(self._store.events_after, self._last_event_id, _PAGE)
+                # What is written from here on is told by whoever writes it.
+                is_more = len(events) == _PAGE
+                if events:
+                    self._last_event_id = events[-1].id
                 for event in events:
                     told = self._transition(event)
                     for subscription in tuple(self._subscriptions):

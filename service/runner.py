@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Literal
@@ -119,13 +119,20 @@ class Runner:
 
     def expected_start(self, queue_position: int | None) -> str | None:
         """About when a queued job will start, ISO 8601 in UTC; None while it cannot be told."""
-        if queue_position is None:
-            return None
+        return None if queue_position is None else self.expected_starts([queue_position])[queue_position]
+
+    def expected_starts(self, queue_positions: Iterable[int]) -> dict[int, str | None]:
+        """The same for many at once."""
         remaining = [live.seconds_left() for live in self._live.values()]
-        seconds = seconds_until_start(queue_position, remaining, self._settings.max_running_jobs)
-        if seconds is None or seconds > _TOLD_SECONDS:
-            return None
-        return iso(datetime.now(UTC) + timedelta(seconds=seconds))
+        at, slots = datetime.now(UTC), self._settings.max_running_jobs
+        starts: dict[int, str | None] = {}
+        for position in queue_positions:
+            seconds = seconds_until_start(position, remaining, slots)
+            if seconds is None or seconds > _TOLD_SECONDS:
+                starts[position] = None
+            else:
+                starts[position] = iso(at + timedelta(seconds=seconds))
+        return starts
 
     async def cancel(self, job_id: str) -> None:
         """End a job and keep its picture. Returns once it has ended. Raises JobNotFound, IllegalStep."""
