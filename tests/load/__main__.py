@@ -45,7 +45,7 @@ SMALL = {"width": 64, "height": 64}
 JOBS, RUNNING = 200, 16
 PREVIEWS = 6
 # More of these than needed for a figure would only make a long run longer.
-MOST_CYCLES = 6
+MOST_CYCLES = 12
 KINDS = ("jobs", "burn", "load")
 
 
@@ -229,7 +229,7 @@ def main() -> None:
     parser.add_argument(
         "--minutes", type=float, default=1.0, help="of load (from 5 on, memory tells whether it is stable)"
     )
-    parser.add_argument("--stretch", type=float, default=10.0, help="seconds of one stretch")
+    parser.add_argument("--stretch", type=float, default=5.0, help="seconds of one stretch")
     parser.add_argument("--threads", type=int, help="of the renderer; one per processor by default")
     parser.add_argument("--database", help="URL; SQLite by default")
     parser.add_argument("--json", type=Path, help="write the figures here too")

@@ -17,6 +17,7 @@ from tests.service.service_process import Server
 
 _TICKS = os.sysconf("SC_CLK_TCK")
 _BURN_PAUSE = 0.01
+_LOOK_SECONDS = 0.03
 _MOST_TRIES, _OTHERS = 3, 0.05
 
 
@@ -89,12 +90,21 @@ def processor_seconds(server: Server) -> dict[str, float]:
 
 
 async def rate(client: httpx.AsyncClient, server: Server, seconds: float) -> Rate:
-    """Samples of the whole service over some time."""
-    began, used, before = time.perf_counter(), processor_seconds(server), await figures(client)
+    """Samples of the whole service over some time, from the end of a turn to the end of a turn."""
+    began, before, used = await _end_of_turn(client, server)
     await asyncio.sleep(seconds)
-    samples = (await figures(client))["fredholm_samples_total"] - before["fredholm_samples_total"]
-    after = processor_seconds(server)
-    return Rate(samples, time.perf_counter() - began, {name: after[name] - used[name] for name in used})
+    ended, samples, after = await _end_of_turn(client, server)
+    return Rate(samples - before, ended - began, {name: after[name] - used[name] for name in used})
+
+
+async def _end_of_turn(client: httpx.AsyncClient, server: Server) -> tuple[float, float, dict[str, float]]:
+    """When it was, to a few hundredths of a second, samples until then, and processor seconds."""
+    first = await figures(client)
+    while True:
+        await asyncio.sleep(_LOOK_SECONDS)
+        found = await figures(client)
+        if found["fredholm_turns_total"] > first["fredholm_turns_total"]:
+            return time.perf_counter(), found["fredholm_samples_total"], processor_seconds(server)
 
 
 async def undisturbed(client: httpx.AsyncClient, server: Server, seconds: float) -> Rate:
