@@ -6,7 +6,7 @@ A service with 200 jobs of which most wait, 50 open event streams, 20 clients th
 that asks all kinds of things three times a second; then ten big jobs and, again and again, a small new one.
 
 What it renders is compared in stretches of some seconds that take turns, so that a machine whose speed changes favours
-none of them; one in which other programs took more than a twentieth of a processor is tried again:
+none of them; they wait for other programs that take more than a twentieth of a processor, up to a minute each:
 
 - *jobs*: the 200 jobs without clients,
 - *burn*: the same, while this process takes as much of the processors as the clients do, and asks nothing,
@@ -164,8 +164,11 @@ async def measure(server: Server, minutes: float, stretch: float) -> dict[str, A
         "fall_by_burning": Fall.between(rates["jobs"], rates["burn"]),
         "fall_by_taking_turns": Fall.between(rates["alone"], rates["jobs"], is_paired=False),
     }
+    calm, loaded = whole["jobs"], whole["load"]
     return {
         "falls": falls,
+        "render_time_fall": 1 - loaded.shares["render"] / calm.shares["render"],
+        "throughput_fall_per_processor_second": 1 - loaded.per_processor_second / calm.per_processor_second,
         "samples_per_second": {kind: one.per_second for kind, one in whole.items()},
         "samples_per_processor_second": {kind: one.per_processor_second for kind, one in whole.items()},
         "processors_used": {kind: one.shares for kind, one in whole.items()},
@@ -208,6 +211,9 @@ def show(found: dict[str, Any], minutes: float) -> None:
     table.add_row("fall of samples per second, raw", str(falls["throughput_fall"]), "")
     table.add_row("  without the clients' own share", str(falls["throughput_fall_without_generator"]), "< 10 %")
     table.add_row("  by that share alone", str(falls["fall_by_burning"]), "")
+    table.add_row("  of the renderer's processor time", f"{100 * found['render_time_fall']:.1f} %", "")
+    own = f"{100 * found['throughput_fall_per_processor_second']:.1f} %"
+    table.add_row("  per processor second of rendering", own, "")
     table.add_row("  from one job to many in turns, no clients", str(falls["fall_by_taking_turns"]), "")
     for kind, shares in found["processors_used"].items():
         told = ", ".join(f"{name} {share:.3f}" for name, share in shares.items())
