@@ -24,7 +24,9 @@ import asyncio
 import contextlib
 import json
 import random
+import signal
 import statistics
+import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator
@@ -240,6 +242,7 @@ def main() -> None:
     parser.add_argument("--database", help="URL; SQLite by default")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     given = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # the server is to end with this
     with tempfile.TemporaryDirectory(prefix="fredholm-load-") as folder:
         environment = {"FREDHOLM_MAX_WAITING_JOBS": "1000", "FREDHOLM_LOG_LEVEL": "info"}
         if given.threads:
