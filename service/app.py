@@ -15,6 +15,7 @@ from service import errors, openapi
 from service.context import Service
 from service.headers import SecurityHeaders
 from service.page import Page
+from service.polls import NothingNewer
 from service.requests import RequestLog
 from service.routes import docs, events, frames, gallery, health, jobs, learn, scenes, session
 from service.settings import ServiceSettings
@@ -57,6 +58,7 @@ def protect(app: FastAPI, settings: ServiceSettings) -> None:
     errors.install(app)
     hosts = None if settings.are_keys_required else frozenset({*LOOPBACK_NAMES, settings.host.lower()})
     # The last one added is the outermost.
+    app.add_middleware(NothingNewer)
     app.add_middleware(errors.Unforeseen)
     app.add_middleware(
         errors.RequestGuard,

@@ -20,6 +20,7 @@ from service.estimates import EstimateFiles
 from service.frames import FrameCache
 from service.housekeeping import Housekeeping
 from service.hub import Hub
+from service.job_texts import JobTexts
 from service.lease import Lease
 from service.metrics import Metrics
 from service.runner import Runner
@@ -51,6 +52,7 @@ class Service:
         self.files = EstimateFiles(settings.estimates_dir)
         self.hub = Hub(self.jobs)
         self.frames = FrameCache()
+        self.job_texts = JobTexts()
         self.uploads = Uploads(settings, self.scenes)
         self.engine = EmbeddedEngine(displays=self.files.displays)
         place = f"{socket.gethostname()}:{settings.data_dir.resolve()}"
@@ -114,7 +116,8 @@ class Service:
         return str(self.settings.scenes_dir / (scene.path if scene else job.scene_ref))
 
 
-def _service(request: Request) -> Service:
+async def _service(request: Request) -> Service:
+    # Not a plain function: FastAPI would have every request wait for a thread to call it.
     return request.app.state.service
 
 

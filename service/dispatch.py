@@ -6,9 +6,11 @@ not far ahead of the others; then the client with the smallest share; within a c
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from heapq import heapify, heappop, heapreplace
+from typing import NamedTuple
 
 # Render seconds that a client may be ahead of the others and still have its first pictures before their refinement:
 # a flood of new jobs from one client must not stop everyone else.
@@ -31,9 +33,8 @@ class Candidate:
     is_loaded: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Waiting:
-    """A queued job as the dispatcher sees it."""
+class Waiting(NamedTuple):
+    """A queued job as the dispatcher sees it. A tuple: a queue of hundreds is read with every change of state."""
 
     job_id: str
     number: int
@@ -92,19 +93,23 @@ def start_order(queued: Iterable[Waiting], running: Mapping[str, int]) -> list[s
 
     running: how many jobs of each client run now.
     """
-    lines: defaultdict[str, list[Waiting]] = defaultdict(list)
+    lines: defaultdict[str, list[tuple[tuple[bool, int, int], str]]] = defaultdict(list)
     for job in queued:
-        lines[job.client_id].append(job)
+        lines[job.client_id].append((job.rank, job.job_id))
     for line in lines.values():
-        line.sort(key=lambda job: job.rank, reverse=True)
-    started = Counter(running)
+        line.sort(reverse=True)
+    # Per client: how many run by then, and the rank of its next job. No two jobs have the same rank.
+    heads = [(running.get(client, 0), line[-1][0], client) for client, line in lines.items()]
+    heapify(heads)
     order: list[str] = []
-    while lines:
-        client = min(lines, key=lambda one: (started[one], lines[one][-1].rank))
-        order.append(lines[client].pop().job_id)
-        started[client] += 1
-        if not lines[client]:
-            del lines[client]
+    while heads:
+        started, _, client = heads[0]
+        line = lines[client]
+        order.append(line.pop()[1])
+        if line:
+            heapreplace(heads, (started + 1, line[-1][0], client))
+        else:
+            heappop(heads)
     return order
 
 
@@ -122,6 +127,8 @@ def seconds_until_start(position: int, remaining: Sequence[float | None], slots:
     to_end = position - (slots - len(remaining))
     if to_end <= 0:
         return 0.0
+    if to_end > len(remaining):
+        return None
     known = sorted(seconds for seconds in remaining if seconds is not None)
     return slots * known[to_end - 1] if to_end <= len(known) else None
 

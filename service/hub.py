@@ -56,20 +56,24 @@ class Subscription:
         self._is_closed = True
         self._news.set()
 
-    async def news(self, silence_seconds: float) -> AsyncIterator[Told | None]:
-        """All that comes, until the subscription is closed; None after every `silence_seconds` without news."""
+    async def news(self, silence_seconds: float) -> AsyncIterator[bytes | None]:
+        """All that comes, until the subscription is closed; None after every `silence_seconds` without news.
+
+        What has queued up comes in one part: each part costs a stream a write to its connection.
+        """
         while not self._is_closed:
             try:
-                await asyncio.wait_for(self._news.wait(), silence_seconds)
+                # Not wait_for: until Python 3.12 it makes a task for every wait.
+                async with asyncio.timeout(silence_seconds):
+                    await self._news.wait()
             except TimeoutError:
                 yield None
                 continue
             self._news.clear()
-            while (self._transitions or self._progress) and not self._is_closed:
-                if self._transitions:
-                    yield self._transitions.popleft()
-                else:
-                    yield self._progress.pop(next(iter(self._progress)))
+            if not self._is_closed and (told := [*self._transitions, *self._progress.values()]):
+                self._transitions.clear()
+                self._progress.clear()
+                yield told[0].text if len(told) == 1 else b"".join(one.text for one in told)
 
 
 class Hub:
@@ -96,8 +100,13 @@ class Hub:
     async def tell_transitions(self) -> None:
         """Pass on what is new in the store. One reader at a time keeps the order of the ids."""
         async with self._reading:
-            while events := await asyncio.to_thread(self._store.events_after, self._last_event_id, _PAGE):
-                self._last_event_id = events[-1].id
+            is_more = True
+            while is_more:
+                events = await asyncio.to_thread(self._store.events_after, self._last_event_id, _PAGE)
+                # What is written from here on is told by whoever writes it.
+                is_more = len(events) == _PAGE
+                if events:
+                    self._last_event_id = events[-1].id
                 for event in events:
                     told = self._transition(event)
                     for subscription in tuple(self._subscriptions):

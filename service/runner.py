@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Literal
@@ -80,6 +80,7 @@ class Runner:
         self._wake = asyncio.Event()
         self._may_claim = True  # something was queued, or a slot became free, since the queue was last looked at
         self._turns = 0
+        self._passing_on: asyncio.Task[None] | None = None  # of what the latest turn led to, while the next one renders
         self._is_spoilt = False  # the render process: an unexpected exception was raised in it
         self._is_stopping = False
         self._task: asyncio.Task[None] | None = None
@@ -119,13 +120,20 @@ class Runner:
 
     def expected_start(self, queue_position: int | None) -> str | None:
         """About when a queued job will start, ISO 8601 in UTC; None while it cannot be told."""
-        if queue_position is None:
-            return None
+        return None if queue_position is None else self.expected_starts([queue_position])[queue_position]
+
+    def expected_starts(self, queue_positions: Iterable[int]) -> dict[int, str | None]:
+        """The same for many at once."""
         remaining = [live.seconds_left() for live in self._live.values()]
-        seconds = seconds_until_start(queue_position, remaining, self._settings.max_running_jobs)
-        if seconds is None or seconds > _TOLD_SECONDS:
-            return None
-        return iso(datetime.now(UTC) + timedelta(seconds=seconds))
+        at, slots = datetime.now(UTC), self._settings.max_running_jobs
+        starts: dict[int, str | None] = {}
+        for position in queue_positions:
+            seconds = seconds_until_start(position, remaining, slots)
+            if seconds is None or seconds > _TOLD_SECONDS:
+                starts[position] = None
+            else:
+                starts[position] = iso(at + timedelta(seconds=seconds))
+        return starts
 
     async def cancel(self, job_id: str) -> None:
         """End a job and keep its picture. Returns once it has ended. Raises JobNotFound, IllegalStep."""
@@ -232,6 +240,7 @@ class Runner:
                 self._log.exception("turn failed, going on")
                 self._metrics.errors.labels("turn").inc()
                 await asyncio.sleep(1.0)
+        await self._settle()
         for live in self.live_jobs():
             with contextlib.suppress(Lost, Superseded, IllegalStep, JobNotFound):
                 live.absorb(await self._call(self._settings.stop_seconds, worker.retire, self._turn(live)))
@@ -260,6 +269,9 @@ class Runner:
     async def _step(self) -> None:
         """Let the next job have its turn, or wait until there is one."""
         self._wake.clear()
+        # The renderer waits for nothing but what decides whose turn it is.
+        if self._is_spoilt or any(live.wish is not None for live in self._live.values()):
+            await self._settle()
         if self._is_spoilt:
             await self._replace_renderer()
         for live in self.live_jobs():
@@ -269,6 +281,7 @@ class Runner:
             await self._claim()
         job_id = next_job((live.candidate(self._loaded) for live in self._live.values()), self._shares)
         if job_id is None:
+            await self._settle()
             await self._wake.wait()
         else:
             await self._take_turn(self._live[job_id])
@@ -315,6 +328,7 @@ class Runner:
         finally:
             live.turn_seconds = time.perf_counter() - began
             self._shares.charge(live.record.client_id, live.turn_seconds)
+        await self._settle()
         if self._live.get(live.record.id) is not live:
             return  # another server has taken it up meanwhile
         self.renderer_state = "warm"
@@ -330,10 +344,24 @@ class Runner:
         if result.stopped_by is not None:
             await self._end(live, Step.FINISH, stopped_by=result.stopped_by)
             return
-        if result.saved is not None:
-            await self._save(live, result.saved)
+        self._passing_on = asyncio.create_task(self._pass_on(live, result.saved), name="pass on a turn")
+
+    async def _pass_on(self, live: LiveJob, saved: Saved | None) -> None:
+        """Record what a turn has saved and tell all who listen."""
+        try:
+            if saved is not None:
+                await self._save(live, saved)
+        except Exception:
+            # The next one that is saved says all that this one did.
+            self._log.exception("saved estimate was not recorded, going on", job=live.record.id)
+            self._metrics.errors.labels("turn").inc()
         self._hub.tell_progress(ProgressMessage.of(live.record, live.progress), live.record.client_id)
         live.notify()
+
+    async def _settle(self) -> None:
+        """Wait until the latest turn is passed on, before anything else befalls a job."""
+        if self._passing_on is not None:
+            await self._passing_on
 
     def _turn(self, live: LiveJob) -> Turn:
         record = live.record

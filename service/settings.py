@@ -6,6 +6,7 @@ import ipaddress
 import os
 import secrets
 import sys
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -90,7 +91,7 @@ class ServiceSettings(BaseSettings):
         except ValueError:
             return self.host == "localhost"
 
-    @property
+    @cached_property
     def are_keys_required(self) -> bool:
         """Whether a request needs an API key."""
         return self.api_keys == "on" or (self.api_keys == "auto" and not self.is_loopback)

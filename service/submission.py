@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from typing import Any
 
 from renderer.errors import SceneError, SettingsError
 from renderer.region import Region
 from renderer.scene import gallery
 from service.clients import Caller
-from service.dispatch import Waiting
 from service.errors import ProblemError, refused
 from service.messages import ContinueRequest, JobRequest, TargetRequest
 from service.settings import ServiceSettings
@@ -21,7 +21,7 @@ def new_job(
     request: JobRequest, caller: Caller, settings: ServiceSettings, scenes: SceneStore, jobs: JobStore
 ) -> NewJob:
     """What to queue. Raises ProblemError."""
-    check_queue(jobs.queue(), caller.client_id, settings)
+    check_queue(jobs.waiting(), caller.client_id, settings)
     if request.scene.gallery is not None:
         try:
             built_in = gallery.find(request.scene.gallery)
@@ -68,12 +68,11 @@ def _check_target(target: TargetRequest, width: int, height: int, settings: Serv
         raise refused("target.spp", f"{target.spp} of {width}×{height} pixels are too many; this service allows {most}")
 
 
-def check_queue(queue: list[Waiting], client_id: str, settings: ServiceSettings) -> None:
-    """Whether one more job of a client may wait. Raises ProblemError."""
-    own = sum(1 for waiting in queue if waiting.client_id == client_id)
-    limits = [(len(queue), settings.max_waiting_jobs, "the limit of this service")]
+def check_queue(waiting: Mapping[str, int], client_id: str, settings: ServiceSettings) -> None:
+    """Whether one more job of a client may wait. waiting: queued jobs by client. Raises ProblemError."""
+    limits = [(sum(waiting.values()), settings.max_waiting_jobs, "the limit of this service")]
     if client_id:
-        limits.append((own, settings.max_waiting_per_client, "the limit of one client"))
+        limits.append((waiting.get(client_id, 0), settings.max_waiting_per_client, "the limit of one client"))
     for count, most, whose in limits:
         if count >= most:
             detail = f"{count} jobs wait already, {whose}; try again later or cancel some."

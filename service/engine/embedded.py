@@ -24,6 +24,7 @@ class _Call:
     handle: Handle = field(compare=False)
     call: Callable[..., Any] = field(compare=False)
     args: tuple[object, ...] = field(compare=False)
+    is_brought: bool = field(compare=False)
 
 
 class _Worker:
@@ -43,7 +44,8 @@ class EmbeddedEngine:
 
     def __init__(self, names: Sequence[str] = ("render",), displays: Path | None = None) -> None:
         self._workers = {name: _Worker(name, displays) for name in names}
-        self._done: dict[Handle, asyncio.Future[None]] = {}
+        self._done: dict[Handle, asyncio.Future[Any]] = {}  # with their values, if those are brought
+        self._brought: set[Handle] = set()
         self._numbers = itertools.count(1)
 
     async def start(self) -> None:
@@ -59,14 +61,23 @@ class EmbeddedEngine:
         """Processes that live now."""
         return [worker.process.pid for worker in self._workers.values() if worker.process.pid is not None]
 
-    def submit(self, call: Callable[..., Any], *args: object, slot: str | None = None, priority: int = 0) -> Handle:
+    def submit(
+        self,
+        call: Callable[..., Any],
+        *args: object,
+        slot: str | None = None,
+        priority: int = 0,
+        is_brought: bool = False,
+    ) -> Handle:
         """Have a call run: on the slot named, where its handles lie, or on the one with least to do."""
         near = slot or next((arg.slot for arg in args if isinstance(arg, Handle)), None)
         worker = self._workers[near] if near else min(self._workers.values(), key=lambda one: one.load)
         handle = Handle(next(self._numbers), worker.name)
         self._done[handle] = asyncio.get_running_loop().create_future()
+        if is_brought:
+            self._brought.add(handle)
         worker.load += 1
-        worker.waiting.put_nowait(_Call((-priority, handle.id), handle, call, args))
+        worker.waiting.put_nowait(_Call((-priority, handle.id), handle, call, args, is_brought))
         return handle
 
     async def wait(self, handles: Iterable[Handle], seconds: float | None = None) -> set[Handle]:
@@ -77,10 +88,14 @@ class EmbeddedEngine:
 
     async def fetch(self, handle: Handle) -> Any:
         """The value, which is then forgotten."""
+        is_brought = handle in self._brought
         try:
-            await self._done[handle]
+            value = await self._done[handle]
         finally:
             self._done.pop(handle, None)
+            self._brought.discard(handle)
+        if is_brought:
+            return value
         process = self._workers[handle.slot].process
         is_here, value = await process.submit(kept.take, handle.id, deadline=_FOR_EVER)
         if not is_here:
@@ -116,13 +131,14 @@ class EmbeddedEngine:
             worker.running = call.handle
             args = tuple(kept.Ref(arg.id) if isinstance(arg, Handle) else arg for arg in call.args)
             try:
-                await worker.process.submit(kept.run, call.handle.id, call.call, args, deadline=_FOR_EVER)
+                how = (call.handle.id, call.call, args, call.is_brought)
+                value = await worker.process.submit(kept.run, *how, deadline=_FOR_EVER)
             except Exception as error:
                 if not done.done():
                     done.set_exception(error)
                     done.exception()  # whoever gave the call up need not fetch it
             else:
                 if not done.done():
-                    done.set_result(None)
+                    done.set_result(value)
             finally:
                 worker.running = None

@@ -50,8 +50,19 @@ class Engine(Protocol):
         """The workers there are now."""
         ...
 
-    def submit(self, call: Callable[..., Any], *args: object, slot: str | None = None, priority: int = 0) -> Handle:
-        """Have `call(*args)` run, higher priority first, on a given slot or on any."""
+    def submit(
+        self,
+        call: Callable[..., Any],
+        *args: object,
+        slot: str | None = None,
+        priority: int = 0,
+        is_brought: bool = False,
+    ) -> Handle:
+        """Have `call(*args)` run, higher priority first, on a given slot or on any.
+
+        is_brought: the value comes as soon as there is one instead of staying with the worker, which is quicker to
+        fetch; the handle is then no argument for other calls.
+        """
         ...
 
     async def wait(self, handles: Iterable[Handle], seconds: float | None = None) -> set[Handle]:
@@ -75,7 +86,7 @@ async def run_within(
     engine: Engine, seconds: float, call: Callable[..., Any], *args: object, slot: str | None = None
 ) -> Any:
     """The value of `call(*args)`; a call that takes longer is killed with its worker. Raises Lost."""
-    handle = engine.submit(call, *args, slot=slot)
+    handle = engine.submit(call, *args, slot=slot, is_brought=True)
     if not await engine.wait([handle], seconds):
         await engine.cancel(handle, hard=True)
         raise Lost(f"the render process gave no answer within {seconds:g} s")

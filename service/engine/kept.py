@@ -22,14 +22,18 @@ class Ref:
     id: int
 
 
-def run(handle_id: int, call: Callable[..., Any], args: tuple[object, ...]) -> None:
-    """Make a call and keep its value."""
+def run(handle_id: int, call: Callable[..., Any], args: tuple[object, ...], is_brought: bool = False) -> Any:
+    """Make a call and keep its value, or return it if it is to be brought."""
     for arg in args:
         if isinstance(arg, Ref) and arg.id not in _values:
             raise ValueGone(f"value {arg.id} is not here")
-    _values[handle_id] = call(*(_values[arg.id] if isinstance(arg, Ref) else arg for arg in args))
+    value = call(*(_values[arg.id] if isinstance(arg, Ref) else arg for arg in args))
+    if is_brought:
+        return value
+    _values[handle_id] = value
     while len(_values) > _KEPT_VALUES:
         _values.popitem(last=False)
+    return None
 
 
 def take(handle_id: int) -> tuple[bool, Any]:

@@ -7,15 +7,15 @@ import time
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Header, Request
-from fastapi.sse import EventSourceResponse, ServerSentEvent
+from fastapi import APIRouter, Depends, Header, Request, Response
+from fastapi.responses import StreamingResponse
 
 from service.access import Reader, may_still_ask
 from service.context import Service, ServiceContext
 from service.errors import ProblemError
 from service.hub import Subscription
 from service.messages import Hello, Ping, ProgressMessage
-from service.news import Told, progress
+from service.news import event_text, progress
 from service.store.records import now
 
 router = APIRouter(prefix="/api", tags=["events"])
@@ -40,9 +40,9 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
                     "type": "object",
                     "required": ["event", "data"],
                     "properties": {
-                        "event": {"enum": ["hello", "job", "deleted", "progress", "ping"]},
+                        "event": {"type": "string", "enum": ["hello", "job", "deleted", "progress", "ping"]},
                         "id": {"type": "string"},
-                        "retry": {"type": "integer"},
+                        "retry": {"type": "integer", "minimum": 0},
                         "data": {
                             "type": "string",
                             "contentMediaType": "application/json",
@@ -74,27 +74,38 @@ async def _subscription(service: ServiceContext, caller: Reader) -> AsyncIterato
         hub.unsubscribe(subscription)
 
 
-@router.get("/events", response_class=EventSourceResponse, responses=_EVENTS)
+# A proxy shall neither keep nor collect them.
+_HEADERS = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
+
+
+@router.get("/events", response_class=Response, responses=_EVENTS)
 async def events(
     service: ServiceContext,
     subscription: Annotated[Subscription, Depends(_subscription)],
     request: Request,
     last_event_id: Annotated[str, Header()] = "",
-) -> AsyncIterator[ServerSentEvent]:
+) -> StreamingResponse:
     """Changes of state, with replay of those after Last-Event-ID, and the progress of running jobs."""
+    parts = _parts(service, subscription, request, last_event_id)
+    return StreamingResponse(parts, media_type="text/event-stream", headers=_HEADERS)
+
+
+async def _parts(
+    service: Service, subscription: Subscription, request: Request, last_event_id: str
+) -> AsyncIterator[bytes]:
     hub = service.hub
     # What happens from here on is queued; what happened before is read from the store.
     until = hub.last_event_id
     after = await asyncio.to_thread(_replay_from, service, last_event_id, until)
-    hello = Hello(server=service.id, last_event_id=until)
+    hello = Hello(server=service.id, last_event_id=until).model_dump_json()
     # With its id, so that a client that sees nothing else still comes back with a Last-Event-ID.
-    yield ServerSentEvent(event="hello", data=hello, retry=1000, id=str(until) if after is None else None)
+    yield event_text("hello", hello, retry=1000, id=until if after is None else None)
     if after is not None:
         async for event in hub.missed(after, until):
             if subscription.hears(event.client_id):
-                yield _event(event)
+                yield event.text
         for live in filter(lambda live: subscription.hears(live.record.client_id), service.runner.live_jobs()):
-            yield _event(progress(ProgressMessage.of(live.record, live.progress), live.record.client_id))
+            yield progress(ProgressMessage.of(live.record, live.progress), live.record.client_id).text
     silent, checked = 0, time.monotonic()
     async for news in subscription.news(service.settings.ping_seconds / _LOOKS_PER_PING):
         silent = silent + 1 if news is None else 0
@@ -102,14 +113,10 @@ async def events(
             checked = time.monotonic()
             if not await may_still_ask(request, service):
                 return
-        if news is None:
-            # A client that has gone is noticed without writing to it.
-            if await request.is_disconnected():
-                return
-            if silent % _LOOKS_PER_PING == 0:
-                yield ServerSentEvent(event="ping", data=Ping(at=now()))
-        else:
-            yield _event(news)
+        if news is not None:
+            yield news
+        elif silent % _LOOKS_PER_PING == 0:
+            yield event_text("ping", Ping(at=now()).model_dump_json())
 
 
 def _replay_from(service: Service, last_event_id: str, until: int) -> int | None:
@@ -118,7 +125,3 @@ def _replay_from(service: Service, last_event_id: str, until: int) -> int | None
         return None
     after = int(last_event_id)
     return after if service.jobs.first_event_id() - 1 <= after <= until else None
-
-
-def _event(told: Told) -> ServerSentEvent:
-    return ServerSentEvent(event=told.kind, raw_data=told.text, id=None if told.id is None else str(told.id))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import secrets
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from sqlalchemy import Connection, delete, func, insert, select, true, update
+from sqlalchemy import JSON, Connection, Text, bindparam, cast, delete, func, insert, select, true, update
 from sqlalchemy.exc import IntegrityError
 
 from service.dispatch import Waiting, start_order
@@ -26,7 +27,17 @@ from service.store.records import (
 from service.store.scenes import SceneNotFound
 from service.store.schema import events, jobs, scenes
 
-_WITHOUT_CURVE = [column for column in jobs.columns if column.name != "curve"]
+_WITHOUT_CURVE = [column for column in jobs.columns if column.name not in ("curve", "idempotency_key", "lease_until")]
+# Their JSON as text: it is read only where it has changed.
+_AS_STORED = [cast(one, Text).label(one.name) if isinstance(one.type, JSON) else one for one in _WITHOUT_CURVE]
+_NAMES = [column.name for column in _WITHOUT_CURVE]
+_JSON_NAMES = [column.name for column in _WITHOUT_CURVE if isinstance(column.type, JSON)]
+_NUMBER = _NAMES.index("number")
+_KEPT_ROWS = 2000
+_QUEUED = select(jobs.c.id, jobs.c.number, jobs.c.frame_seq > 0, jobs.c.client_id, jobs.c.priority).where(
+    jobs.c.state == State.QUEUED
+)
+_COUNTS = select(jobs.c.client_id, func.count()).where(jobs.c.state == bindparam("counted")).group_by(jobs.c.client_id)
 # A job without any picture goes before one that has waited since a restart.
 _QUEUE_ORDER = (jobs.c.frame_seq > 0, jobs.c.priority.desc(), jobs.c.number)
 
@@ -61,6 +72,8 @@ class JobStore:
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        # Rows of lists and what was made of them, by number: most are as they were when they were last asked for.
+        self._rows: dict[int, tuple[tuple[Any, ...], JobRecord]] = {}
 
     def add(self, new: NewJob) -> tuple[JobRecord, bool]:
         """Queue a job; with an idempotency key at most once. The job, and whether it is new.
@@ -116,10 +129,11 @@ class JobStore:
     ) -> list[JobRecord]:
         """The newest jobs, of one client or of all, newest first, without curves.
 
-        states: only jobs in one of these; any if empty. before: only jobs older than this one. Raises JobNotFound.
+        states: only jobs in one of these; any if empty. before: only jobs older than this one. A job that has not
+        changed is the same value as the last time. Raises JobNotFound.
         """
         is_own = true() if client_id is None else jobs.c.client_id == client_id
-        query = select(*_WITHOUT_CURVE).where(is_own).order_by(jobs.c.number.desc()).limit(limit)
+        query = select(*_AS_STORED).where(is_own).order_by(jobs.c.number.desc()).limit(limit)
         if states:
             query = query.where(jobs.c.state.in_(states))
         with self._database.read() as connection:
@@ -128,12 +142,28 @@ class JobStore:
                 if number is None:
                     raise JobNotFound(before)
                 query = query.where(jobs.c.number < number)
-            return [job_from(row) for row in connection.execute(query).mappings()]
+            return [self._listed(tuple(row)) for row in connection.execute(query)]
+
+    def _listed(self, row: tuple[Any, ...]) -> JobRecord:
+        number = row[_NUMBER]
+        if (kept := self._rows.get(number)) is not None and kept[0] == row:
+            return kept[1]
+        fields = dict(zip(_NAMES, row, strict=True))
+        job = job_from(fields | {name: json.loads(fields[name] or "null") for name in _JSON_NAMES})
+        if len(self._rows) >= _KEPT_ROWS:
+            self._rows.clear()
+        self._rows[number] = row, job
+        return job
 
     def queue(self) -> list[Waiting]:
         """The queued jobs, next first."""
         with self._database.read() as connection:
             return _queue(connection)
+
+    def waiting(self) -> dict[str, int]:
+        """How many jobs of each client are queued."""
+        with self._database.read() as connection:
+            return _counts_by_client(connection, State.QUEUED)
 
     def claim(self, owner: str = "", lease_until: str = "", client_id: str | None = None) -> JobRecord | None:
         """Start the next queued job of a client or of all, in one statement: no two callers get the same one.
@@ -325,19 +355,21 @@ def _one(connection: Connection, job_id: str) -> JobRecord:
 
 def _queue(connection: Connection) -> list[Waiting]:
     """The queued jobs in the order in which they will start."""
-    asked = (jobs.c.id, jobs.c.number, jobs.c.frame_seq, jobs.c.client_id, jobs.c.priority)
-    rows = connection.execute(select(*asked).where(jobs.c.state == State.QUEUED)).all()
-    queued = {row.id: Waiting(row.id, row.number, row.frame_seq > 0, row.client_id, row.priority) for row in rows}
-    counts = select(jobs.c.client_id, func.count()).where(jobs.c.state == State.RUNNING).group_by(jobs.c.client_id)
-    running = {client_id: count for client_id, count in connection.execute(counts)}
+    queued = {row[0]: Waiting._make(row) for row in connection.execute(_QUEUED)}
+    running = _counts_by_client(connection, State.RUNNING)
     return [queued[job_id] for job_id in start_order(queued.values(), running)]
+
+
+def _counts_by_client(connection: Connection, state: State) -> dict[str, int]:
+    return {client_id: count for client_id, count in connection.execute(_COUNTS, {"counted": state})}
 
 
 def _record(connection: Connection, job: JobRecord) -> JobRecord:
     """Write the event of a transition that has just been made, with the job's place in the queue."""
     position = None
     if job.state is State.QUEUED:
-        position = [waiting.job_id for waiting in _queue(connection)].index(job.id) + 1
+        waiting = _queue(connection)
+        position = next(place for place, other in enumerate(waiting, start=1) if other.job_id == job.id)
     row = {
         "job_id": job.id,
         "client_id": job.client_id,

@@ -57,6 +57,15 @@ def test_a_revoked_key_opens_nothing(store: KeyStore, tmp_path: Path) -> None:
     assert Keys(store, tmp_path / "secret").caller(text) is None
 
 
+def test_a_key_that_was_just_looked_up_is_known_without_the_database(store: KeyStore, tmp_path: Path) -> None:
+    keys = Keys(store, tmp_path / "secret")
+    _, text = keys.create("alice", "read")
+    assert keys.known(text) is None
+    keys.caller(text)
+    assert keys.known(text) == Caller("alice", Role.READ)
+    assert keys.known(text[:-1] + ("a" if text[-1] != "a" else "b")) is None
+
+
 def test_a_bad_client_or_role_is_told(store: KeyStore, tmp_path: Path) -> None:
     keys = Keys(store, tmp_path / "secret")
     with pytest.raises(ClientError, match="not a name"):

@@ -74,6 +74,23 @@ def test_arguments_may_be_handles_whose_values_never_travel(on_engine: Callable[
     on_engine(scenario)
 
 
+def test_a_value_that_is_brought_waits_for_no_other_call(on_engine: Callable[..., None]) -> None:
+    async def scenario(engine: Engine) -> None:
+        slot = engine.slots()[0].name
+        brought = engine.submit(operator.add, 2, 3, slot=slot, is_brought=True)
+        await engine.wait([brought])
+        busy = engine.submit(time.sleep, 3, slot=slot)
+        began = time.perf_counter()
+        assert await engine.fetch(brought) == 5
+        assert time.perf_counter() - began < 1
+        bad = engine.submit(int, "x", slot=engine.slots()[1].name, is_brought=True)
+        with pytest.raises(ValueError, match="invalid literal"):
+            await engine.fetch(bad)
+        await engine.cancel(busy, hard=True)
+
+    on_engine(scenario)
+
+
 def test_wait_returns_with_the_first_or_when_time_is_up(on_engine: Callable[..., None]) -> None:
     async def scenario(engine: Engine) -> None:
         one, two = (slot.name for slot in engine.slots())

@@ -92,6 +92,31 @@ def test_a_long_list_is_read_page_by_page_and_state_by_state(jobs: JobStore) -> 
             jobs.newest(9, "a", before=unknown)
 
 
+def test_what_has_not_changed_since_the_last_list_is_not_read_again(jobs: JobStore) -> None:
+    first, second = jobs.add(NEW)[0], jobs.add(NEW)[0]
+    before = jobs.newest(10)
+    again = jobs.newest(10)
+    assert all(new is old for new, old in zip(again, before, strict=True))
+    assert before[0] == replace(jobs.get(second.id), curve=())
+    jobs.move(second.id, Step.CANCEL)
+    changed = jobs.newest(10)
+    assert (changed[0].state, changed[1].state) == (State.CANCELLED, State.QUEUED)
+    assert changed[0] == replace(jobs.get(second.id), curve=())
+    assert changed[1] is before[1]
+    running = jobs.claim()
+    assert running is not None
+    assert running.id == first.id
+    assert jobs.save(running, Progress(spp=4.0, frame_seq=3, health={"status": "good"}), [], "a.exr")
+    assert jobs.newest(10)[1] == replace(jobs.get(first.id), curve=())
+
+
+def test_those_who_wait_are_counted_by_client(jobs: JobStore) -> None:
+    for client in ("a", "a", "b", ""):
+        jobs.add(replace(NEW, client_id=client))
+    jobs.claim(client_id="a")
+    assert jobs.waiting() == {"a": 1, "b": 1, "": 1}
+
+
 def test_an_unknown_job_is_told(jobs: JobStore) -> None:
     with pytest.raises(JobNotFound, match="no job 'nope'"):
         jobs.get("nope")

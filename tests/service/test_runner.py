@@ -1,0 +1,130 @@
+"""The loop that gives turns, with an engine that renders nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy.exc import OperationalError
+from test_store import NEW
+
+from service.engine import worker
+from service.engine.interface import Handle, Slot
+from service.engine.turn import Saved, Turn, TurnResult
+from service.estimates import EstimateFiles
+from service.hub import Hub
+from service.lease import Lease
+from service.metrics import Metrics
+from service.runner import Runner
+from service.settings import ServiceSettings
+from service.states import State
+from service.store import Database, JobStore, Progress
+
+_ENDS_AFTER = 3
+SETTINGS = {"width": 4, "height": 4, "seed": 1, "max_depth": None, "technique": "mis"}
+
+
+class Rendering:
+    """Implements `service.engine.interface.Engine`: every turn saves an estimate, the third one ends the job."""
+
+    def __init__(self) -> None:
+        self.turns: list[Turn] = []
+        self._values: dict[Handle, TurnResult] = {}
+
+    async def start(self) -> None:
+        pass
+
+    def slots(self) -> Sequence[Slot]:
+        return []
+
+    def submit(self, call: Callable[..., Any], *args: Any, **_: Any) -> Handle:
+        handle, result = Handle(len(self._values), "fake"), TurnResult()
+        if call is worker.advance:
+            self.turns.append(turn := args[0])
+            progress = Progress(samples=len(self.turns), frame_seq=turn.next_seq)
+            stopped_by = "spp" if len(self.turns) == _ENDS_AFTER else None
+            result = TurnResult(
+                progress, saved=Saved(f"{turn.job_id}/{turn.next_seq}.exr", progress), stopped_by=stopped_by
+            )
+        self._values[handle] = result
+        return handle
+
+    async def wait(self, handles: Iterable[Handle], seconds: float | None = None) -> set[Handle]:
+        await asyncio.sleep(0)
+        return {*handles}
+
+    async def fetch(self, handle: Handle) -> Any:
+        return self._values[handle]
+
+    async def cancel(self, handle: Handle, *, hard: bool = False) -> None:
+        pass
+
+    async def close(self) -> None:
+        pass
+
+
+def run(
+    folder: Path, watch: Callable[[Rendering, JobStore, Metrics], Callable[..., Any]]
+) -> tuple[JobStore, str, Metrics]:
+    """One job until it has ended; `watch` makes what saves in place of the store."""
+    database = Database(f"sqlite:///{folder}/runner.sqlite")
+    database.create_tables()
+    jobs, engine, metrics = JobStore(database), Rendering(), Metrics()
+    job_id = jobs.add(replace(NEW, settings=SETTINGS))[0].id
+    setattr(jobs, "save", watch(engine, jobs, metrics))  # noqa: B010 - a method of this one store alone
+    files = EstimateFiles(folder / "estimates")
+    files.prepare()
+
+    async def until_ended() -> None:
+        hub = Hub(jobs)
+        await hub.start()
+        settings = ServiceSettings(data_dir=folder, warm_up=False)
+        lease = Lease(jobs, "here", "test", 60.0)
+        runner = Runner(settings, jobs, engine, hub, files, lease, metrics, lambda job: job.scene_ref)
+        await runner.start()
+        try:
+            while jobs.get(job_id).state is not State.SUCCEEDED:
+                await asyncio.sleep(0.01)
+        finally:
+            await runner.stop()
+
+    asyncio.run(asyncio.wait_for(until_ended(), 20))
+    return jobs, job_id, metrics
+
+
+def test_the_next_turn_begins_before_the_last_one_is_recorded(tmp_path: Path) -> None:
+    """The renderer must not wait for a disk."""
+    seen: list[int] = []
+
+    def watch(engine: Rendering, jobs: JobStore, _metrics: Metrics) -> Callable[..., Any]:
+        save = jobs.save
+
+        def slow(*args: Any) -> bool:
+            for _ in range(500):
+                if len(engine.turns) > len(seen) + 1:
+                    break
+                threading.Event().wait(0.01)
+            seen.append(len(engine.turns))
+            return save(*args)
+
+        return slow
+
+    jobs, job_id, _ = run(tmp_path, watch)
+    assert seen == [2, 3], "turns begun by the time that the first and the second were recorded"
+    assert jobs.get(job_id).progress.samples == _ENDS_AFTER
+
+
+def test_an_estimate_that_cannot_be_recorded_stops_no_turn(tmp_path: Path) -> None:
+    def watch(*_: Any) -> Callable[..., Any]:
+        def fail(*_: Any) -> bool:
+            raise OperationalError("UPDATE", {}, Exception("the disk is full"))
+
+        return fail
+
+    jobs, job_id, metrics = run(tmp_path, watch)
+    assert jobs.get(job_id).progress.samples == _ENDS_AFTER
+    assert metrics.registry.get_sample_value("fredholm_errors_total", {"where": "turn"}) == _ENDS_AFTER - 1
