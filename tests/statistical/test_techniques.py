@@ -17,6 +17,7 @@ CASES = {
     "cornell-box": TECHNIQUES,
     "plates": ("mis", "bsdf", "emitter"),
     "materials": ("mis", "bsdf", "emitter"),
+    "ring-sky": ("mis", "bsdf", "emitter"),
     "glass-sky": ("mis", "bsdf", "emitter"),
     "caustic": ("mis", "bsdf", "emitter"),
     "many-lights": ("mis", "bsdf", "emitter"),
@@ -25,7 +26,7 @@ CASES = {
 }
 WIDTH, HEIGHT, BLOCK, SPP = 16, 12, 4, 512
 # One direction in ten thousand finds the sun of this sky: a block needs dozens of such finds to know its variance.
-MORE_SPP = {"glass-sky": 16384}
+MORE_SPP = {"ring-sky": 16384, "glass-sky": 16384}
 
 
 def blocks(values: np.ndarray) -> np.ndarray:
