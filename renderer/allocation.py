@@ -23,11 +23,11 @@ from renderer.estimate.neighbours import box_sum, doubled, event_rate, halved
 
 GROWTH = 1.15  # of all replicates, per round
 MAX_GROWTH = 2.0  # of one pixel's replicates, per round
-FLOOR_SHARE = 0.2  # of the replicates that go to all pixels alike
+FLOOR_SHARE = 0.1  # of the replicates that go to all pixels alike
 EARLY_SHARE = 0.75  # of the mean count that every pixel has at least, until its interval can be trusted
 WINDOW = 3
-EVENTS = 10.0  # expected rare bright values after which a neighbourhood is taken at its own word
-IMAGE_EVENTS = 200.0  # the same for the whole image: fewer say nothing about where they are to be expected
+EVENTS = 5.0  # expected rare bright values after which a neighbourhood is taken at its own word
+IMAGE_EVENTS = 50.0  # the same for the whole image: fewer say nothing about where they are to be expected
 OWN_LEVELS = 3  # of the coarser windows, from which a pixel is left out one by one; it is a 576th of the next
 GOLDEN = 0.6180339887498949
 

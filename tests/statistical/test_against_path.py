@@ -27,7 +27,7 @@ SHARED_SCENES = (
     "caustic-ring",
     "pool",
 )
-GALLERY = ("cornell-box", "plates", "materials", "glass-sky", "caustic", "many-lights", "gap", "furnace")
+GALLERY = ("cornell-box", "plates", "materials", "ring-sky", "glass-sky", "caustic", "many-lights", "gap", "furnace")
 SIZE = renderer.Settings(width=96, height=72, colour="rgb")
 PATH_RUNS = 16
 

@@ -19,6 +19,7 @@ CASES = {
     "cornell-box": TECHNIQUES,
     "plates": ("mis", "bsdf", "emitter"),
     "materials": ("mis", "bsdf", "emitter"),
+    "ring-sky": ("mis", "bsdf", "emitter"),
     "glass-sky": ("mis", "bsdf", "emitter"),
     "caustic": ("mis", "bsdf", "emitter"),
     "many-lights": ("mis", "bsdf", "emitter"),
@@ -28,7 +29,7 @@ CASES = {
 WIDTH, HEIGHT, BLOCK, SPP = 16, 12, 4, 512
 # One direction in ten thousand finds the sun of this sky, or the smallest lamp by way of the plates: a block needs
 # dozens of such finds to know its variance.
-MORE_SPP = {"glass-sky": 16384, "plates": 16384}
+MORE_SPP = {"ring-sky": 16384, "glass-sky": 16384, "plates": 16384}
 
 
 def blocks(values: np.ndarray) -> np.ndarray:

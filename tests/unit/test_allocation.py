@@ -86,6 +86,29 @@ def test_noisy_places_get_more_and_quiet_ones_their_floor() -> None:
     assert count.min() >= 0.8 * FLOOR_SHARE * count.mean()
 
 
+@pytest.mark.parametrize(("probability", "least"), [(0.1, 3.5), (0.05, 3.0)])
+def test_a_rare_light_in_one_spot_draws_the_samples_there(probability: float, least: float) -> None:
+    # Without noise in the counts 7.1 and 8.8 could be gained.
+    y, x = np.divmod(np.arange(N), WIDTH)
+    in_spot = (abs(x - WIDTH // 2) < 3) & (abs(y - HEIGHT // 2) < 3)
+    variance = np.where(in_spot, (1 / probability - 1) / 4, 0.05**2)  # relative to the squared mean, 4 in the spot
+    rng, moments = np.random.default_rng(5), Moments.empty(N)
+
+    def add(pixels: NDArray) -> None:
+        flash = (rng.random(len(pixels)) < probability) / probability
+        value = 1 + 0.05 * rng.uniform(-1.7, 1.7, len(pixels)) + np.where(in_spot[pixels], flash, 0.0)
+        moments.add(pixels, np.repeat(value[:, None], 3, axis=1), np.zeros(len(pixels), np.uint32), 4)
+
+    for _ in range(4):
+        add(np.arange(N))
+    while moments.tried.mean() < 64:
+        wanted = next_counts(moments, WIDTH, HEIGHT)
+        while (behind := np.flatnonzero(wanted > moments.tried)).size:
+            add(behind)
+    gain = variance.mean() / (moments.tried.mean() * np.mean(variance / moments.tried))
+    assert gain > least
+
+
 def test_even_noise_is_sampled_evenly() -> None:
     count = grown(np.full(N, 0.5), 20).count
     assert count.std() / count.mean() < 0.1

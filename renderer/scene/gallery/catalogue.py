@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from renderer.errors import SceneError
 
-from . import caustic, cornell_box, furnace, gap, glass_sky, many_lights, materials, plates
+from . import caustic, cornell_box, furnace, gap, glass_sky, many_lights, materials, plates, ring_sky
 from .gallery_scene import GalleryScene
 
 _SCENES = (
     cornell_box.SCENE,
     plates.SCENE,
     materials.SCENE,
+    ring_sky.SCENE,
     glass_sky.SCENE,
     caustic.SCENE,
     many_lights.SCENE,

@@ -86,6 +86,11 @@ def glass(index: float = 1.5) -> Plugin:
     return {"type": "dielectric", "int_ior": index, "ext_ior": 1.0}
 
 
+def glazed(colour: Vector) -> Plugin:
+    """A coloured body under a slightly rough glaze."""
+    return {"type": "roughplastic", "distribution": "ggx", "alpha": 0.1, "diffuse_reflectance": rgb(*colour)}
+
+
 def rectangle(corner: Vector, u: Vector, v: Vector, **extra: Any) -> Plugin:
     """The rectangle with one corner and two perpendicular edges given; it faces along u × v."""
     mi = mitsuba()
