@@ -190,16 +190,22 @@ def _parts(corners: Array, tolerance: float) -> list[tuple[int, ...]]:
     """The triangles of a mesh, those together that make a parallelogram; none that is a line or a point."""
     crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     longest = np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=2).max(axis=1)
-    left = [i for i in range(len(corners)) if np.linalg.norm(crossed[i]) > tolerance * longest[i]]
+    places = [[tuple(corner) for corner in face] for face in np.rint(corners / (10 * tolerance)).astype(np.int64)]
+    left = {i: None for i in range(len(corners)) if np.linalg.norm(crossed[i]) > tolerance * longest[i]}
+    along: dict[tuple[Any, Any], list[int]] = {}  # faces by edge
+    for face in left:
+        for k in range(3):
+            along.setdefault((places[face][k - 1], places[face][k]), []).append(face)
     parts: list[tuple[int, ...]] = []
     while left:
-        face = left.pop(0)
-        partner = next((other for other in left if _opposite(corners[face], corners[other], tolerance)), None)
-        if partner is None:
-            parts.append((face,))
-        else:
-            left.remove(partner)
-            parts.append((face, partner))
+        face = next(iter(left))
+        del left[face]
+        beside = [other for k in range(3) for other in along.get((places[face][k], places[face][k - 1]), ())]
+        beside = [other for other in beside if other in left]
+        partner = next((other for other in beside if _opposite(corners[face], corners[other], tolerance)), None)
+        if partner is not None:
+            del left[partner]
+        parts.append((face,) if partner is None else (face, partner))
     return parts
 
 

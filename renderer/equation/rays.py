@@ -26,7 +26,7 @@ mi: Any = mitsuba()
 
 NOWHERE = 0xFFFFFFFF  # a ray that starts on no surface
 EDGE = 1e-6  # by which a plate is larger than it is: no ray may slip between two that meet
-SHADOW_EPSILON = 1e-5  # of the distance to a light, within which nothing is in its way
+SHADOW_EPSILON = 1e-5  # of the distance to a light that is known, within which nothing is in its way
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +154,8 @@ class ListRays:
         # A plate or a ball does not hide its own points: those that turn away send nothing.
         light: Any = dr.reinterpret_array(mi.UInt32, ds.emitter)
         target = dr.gather(mi.UInt32, self._lights, light, active)
-        return active & self._any(origin, ds.d, ds.dist * (1 - SHADOW_EPSILON), start, target)
+        margin = dr.select(target == NOWHERE, mi.math.ShadowEpsilon, SHADOW_EPSILON)
+        return active & self._any(origin, ds.d, ds.dist * (1 - margin), start, target)
 
     # ------------------------------ Trying all ------------------------------
 
@@ -268,7 +269,7 @@ def _light_keys(scene: Any, primitives: Primitives) -> tuple[set[int], Any]:
     """Keys of lights that are one surface, and the key for each emitter's registry id; NOWHERE for all others."""
     shapes = list(scene.shapes())
     keys: dict[int, set[int]] = {}
-    for one in primitives.all:
+    for one in (*primitives.plates, *primitives.balls):  # an open tube may hide its own far wall
         keys.setdefault(one.shape, set()).add(one.key)
     ids = [registry_id(emitter) for emitter in scene.emitters()]
     by_id = np.full(max(ids, default=0) + 1, NOWHERE, np.uint32)

@@ -80,3 +80,30 @@ def test_a_closed_room_of_equal_walls_lets_no_light_in_from_infinity(light: dict
     }
     estimate = renderer.render(contents, renderer.Target(spp=64), renderer.Settings(16, 12, seed))
     assert not estimate.mean.any()
+
+
+def test_an_open_tube_that_shines_inwards_hides_its_far_wall(seed: int) -> None:
+    """From outside its light is seen through its ends alone, whichever way it is looked for."""
+    transform = mitsuba().ScalarTransform4f
+    contents = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 2},
+        "sensor": {"type": "perspective", "to_world": transform().look_at([0, 0, 6], [0, 0, 0], [0, 1, 0])},
+        "floor": {"type": "rectangle", "to_world": transform().scale(3)},
+        "tube": {
+            "type": "cylinder",
+            "p0": [0, 0, 0.5],
+            "p1": [0, 0, 1.5],
+            "radius": 0.7,
+            "flip_normals": True,
+            "emitter": {"type": "area"},
+        },
+    }
+    found = []
+    for i, technique in enumerate(("bsdf", "emitter")):
+        settings = renderer.Settings(24, 24, seed + i, technique=technique)
+        moments = renderer.render(contents, renderer.Target(spp=1024), settings).moments
+        variance = moments.variance_of_mean()[:, 3]
+        found.append((float(moments.luminance().mean()), float(variance.sum()) / len(variance) ** 2))
+    (a, va), (b, vb) = found
+    assert abs(a - b) < z_limit() * (va + vb) ** 0.5
