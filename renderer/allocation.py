@@ -30,6 +30,7 @@ EVENTS = 5.0  # expected rare bright values after which a neighbourhood is taken
 IMAGE_EVENTS = 50.0  # the same for the whole image: fewer say nothing about where they are to be expected
 OWN_LEVELS = 3  # of the coarser windows, from which a pixel is left out one by one; it is a 576th of the next
 GOLDEN = 0.6180339887498949
+STEPS, CLOSE = 60, 1e-9  # of the search for the level that a budget fills, and how near to the budget it comes
 
 
 def next_counts(moments: Moments, width: int, height: int, focus: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
@@ -129,7 +130,17 @@ def _poured(share: NDArray[np.float64], level: NDArray[np.float64], least: float
     low, high = 0.0, (float(level.sum()) + budget) / float(share.sum())
     while added(high).sum() < budget:
         high *= 2.0
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if added(middle).sum() < budget else (low, middle)
+    # Newton's steps on what is piecewise linear and never falls; halves where a step leads out of the bounds.
+    middle = high
+    for _ in range(STEPS):
+        found = added(middle)
+        missing = budget - float(found.sum())
+        if abs(missing) <= CLOSE * budget:
+            return found
+        low, high = (middle, high) if missing > 0 else (low, middle)
+        rising = (middle * share > least) & (found > 0) & (found < most)
+        slope = float(share[rising].sum())
+        middle += missing / slope if slope > 0 else 0.0
+        if not low < middle < high:
+            middle = 0.5 * (low + high)
     return added(high)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 MOST_TRIANGLES = 1024  # worth looking at
+LEAST_COST = 0.5  # of a plate along the axes, in plates that lie askew
 MOST_COST = 120.0  # in plates, from which on a tree is faster
 FLAT_NORMAL = 1e-6  # 1 − cosine up to which a vertex normal is that of its face
 SAME_PLACE = 1e-6  # relative to the size of the scene
@@ -42,7 +43,7 @@ class Plate:
     @property
     def cost(self) -> float:
         """Of a test, relative to a plate that lies askew."""
-        return 0.5 if np.count_nonzero(self.normal) == 1 else 1.0
+        return LEAST_COST if np.count_nonzero(self.normal) == 1 else 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +127,8 @@ def primitives_of(scene: Any) -> Primitives | None:
             has_normals |= bool(np.any(np.abs(cosines) < 1 - FLAT_NORMAL))
         for faces in _parts(corners, size * SAME_PLACE):
             found_plates.append((number, faces, corners))
+    if len(found_plates) * LEAST_COST > MOST_COST:
+        return None
     # Shapes are loaded side by side and come in any order: what becomes code must not.
     found_plates.sort(key=lambda plate: tuple(plate[2][list(plate[1])].ravel()))
     planes: list[tuple[Array, float]] = []
