@@ -6,6 +6,7 @@ the wheel's own library is preferred and old ones are never taken.
 
 from __future__ import annotations
 
+import ctypes
 import ctypes.util
 import glob
 import importlib
@@ -24,6 +25,7 @@ from typing import Any
 from renderer.errors import BackendError
 
 OLDEST_LLVM = 17
+LANES_AT_ONCE = 1024  # of a kernel, that one processor takes before others may help
 _SYSTEM_LLVM = (
     "/usr/lib/llvm-*/lib/libLLVM*.so*",
     "/usr/lib/*/libLLVM*.so*",
@@ -87,6 +89,21 @@ def _limit_threads() -> None:
     dr.set_thread_count(int(asked))
 
 
+def _share_passes() -> None:
+    """Splits kernels among processors in small blocks of lanes.
+
+    Dr.Jit's own blocks of 16384 lanes are a whole pass of a slow scene: one processor rendered it, the others waited.
+    Its function for that is public in C++ and has no name in Python; where it is not found, some of that wait is back.
+    """
+    import drjit as dr
+
+    try:
+        library = ctypes.CDLL(str(next(Path(str(dr.__file__)).parent.glob("libdrjit-core.*"))))
+        library["_Z23jit_llvm_set_block_sizej"](ctypes.c_uint32(LANES_AT_ONCE))
+    except (OSError, AttributeError, StopIteration):
+        return
+
+
 @cache
 def _mitsuba() -> ModuleType:
     """The `mitsuba` module with a working variant set: `FREDHOLM_VARIANT` if given, else CUDA, else LLVM.
@@ -104,6 +121,7 @@ def _mitsuba() -> ModuleType:
         if not variant.startswith(("llvm_ad_", "cuda_ad_")) or "polarized" in variant:
             raise BackendError(f"the Mitsuba variant {variant} is set; choose llvm_ad_rgb or cuda_ad_rgb")
         _limit_threads()
+        _share_passes()
         return mi
     asked = os.environ.get("FREDHOLM_VARIANT")
     if asked is not None and (
@@ -117,6 +135,7 @@ def _mitsuba() -> ModuleType:
         if dr.has_backend(backend):
             mi.set_variant(variant)
             _limit_threads()
+            _share_passes()
             mi.set_log_level(mi.LogLevel.Error)
             return mi
     if asked and asked.startswith("cuda"):

@@ -124,8 +124,8 @@ class PathKernel:
     def _replay(self, *arguments: Any) -> Any:
         try:
             return self._replayed(*arguments)
-        except RuntimeError:
-            if self._replayed == self._run:
+        except RuntimeError as error:
+            if not str(error.__cause__).startswith("record()"):
                 raise
             # Some of Mitsuba's sensors and emitters keep numbers where a recording cannot find them.
             self._replayed = self._run

@@ -10,6 +10,7 @@ from service_process import ROOT, SMALL, Server, is_alive, wait_for
 import renderer
 
 BAD_SEED = 13
+LONG = 12_800  # samples per pixel of a job that still renders when the other has failed for good
 # Read by every Python of the service at its start: makes tracing a kernel with the bad seed raise in its loop.
 _SABOTAGE = f"""
 import importlib.abc, importlib.util, sys
@@ -47,7 +48,7 @@ def test_after_an_unexpected_exception_the_process_is_replaced_and_only_that_job
     (site / "sitecustomize.py").write_text(_SABOTAGE)
     own_server.environment |= {"PYTHONPATH": f"{site}:{ROOT}"}
     server = own_server.start()
-    good = server.submit({"spp": 320}, SMALL | {"seed": 5})["id"]
+    good = server.submit({"spp": LONG}, SMALL | {"seed": 5})["id"]
     server.wait(good, lambda job: job["frame_seq"] > 1)
     bad = server.wait_ended(server.submit({"spp": 16}, SMALL | {"seed": BAD_SEED})["id"])
     assert bad["state"] == "failed", bad
@@ -62,6 +63,6 @@ def test_after_an_unexpected_exception_the_process_is_replaced_and_only_that_job
     wait_for(lambda: not any(is_alive(pid) for pid in pids[:-1]), 10, "the end of the replaced processes")
     # Who was running beside it lost nothing.
     mine = renderer.Estimate.read(next((server.data_dir / "estimates" / good).iterdir()))
-    calm = renderer.render("cornell-box", renderer.Target(spp=320), renderer.Settings(64, 64, 5))
+    calm = renderer.render("cornell-box", renderer.Target(spp=LONG), renderer.Settings(64, 64, 5))
     assert np.array_equal(mine.moments.mean, calm.moments.mean)
     assert any("/secret/path" in line.get("trace", "") for line in server.log()), "the log says what it was"
