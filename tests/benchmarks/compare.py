@@ -38,7 +38,6 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
     """Rates, errors at equal time and their ratios; above 1 Fredholm is better. Medians over the rounds."""
     scene = load(name, effort.width)
     reference = converged(scene, effort.reference_seconds, effort.keep_reference)
-    _ours(scene, WARM_UP_SECONDS, 0)
     in_rgb = load(name, effort.width, "rgb")  # as its users have it; ours takes mono where nothing is coloured
     peers = {sampler: Peer(in_rgb, sampler) for sampler in effort.samplers}
     spp = {sampler: peer.calibrate(effort.seconds) for sampler, peer in peers.items()}
@@ -47,6 +46,8 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
     errors: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
     n = scene.width * scene.height
     casts, cast_seconds = RayCasts(scene), []
+    # Last, for every scene that is loaded makes Dr.Jit compile anew what calls its plugins.
+    _ours(scene, WARM_UP_SECONDS, 0)
     for turn in range(effort.rounds):
         cast_seconds.append(casts.seconds())
         estimate, took = _ours(scene, effort.seconds, turn + 1, adaptive=False)
