@@ -78,8 +78,8 @@ def _sample(
     position = (corner + offset) / mi.Vector2f(mi.Float(width), mi.Float(height))
     extra = sequence.point(sample, TIME_AND_WAVELENGTH)
     time = kernel.shutter_open + kernel.shutter_time * extra.x
-    ray, spectral_weight = kernel.sensor.sample_ray(time, extra.y, position, sequence.point(sample, LENS))
-    si = kernel.scene.ray_intersect(ray, mi.RayFlags.All, True, True)
+    ray, spectral_weight = kernel.camera.sample_ray(time, extra.y, position, sequence.point(sample, LENS))
+    si = kernel.mitsuba_scene.ray_intersect(ray, mi.RayFlags.All, True, True)
     hit = si.is_valid()
 
     values: dict[str, Any] = {"hit": dr.select(hit, mi.Float(1), 0)}
@@ -94,7 +94,7 @@ def _sample(
     if "position" in names:
         values["position"] = dr.select(hit, si.p, 0)
     if "shape_index" in names:
-        values["shape_index"] = _shape_index(kernel.scene, si, hit)
+        values["shape_index"] = _shape_index(kernel.mitsuba_scene, si, hit)
     dr.eval(values)
     return {name: _columns(value, n) for name, value in values.items()}
 

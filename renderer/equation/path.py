@@ -22,8 +22,10 @@ import drjit as dr
 
 from renderer.backend import mitsuba, using
 from renderer.equation import roulette
+from renderer.equation.camera import camera_of
 from renderer.equation.emitters import EmitterSampler
 from renderer.equation.filter import PixelFilter
+from renderer.equation.loaded import loaded_scenes, note_loaded
 from renderer.equation.matte import Matte
 from renderer.equation.mis import power_heuristic
 from renderer.equation.primitives import listed
@@ -87,8 +89,9 @@ class PathKernel:
 
     def __init__(self, scene: Any, sensor: Any, size: tuple[int, int], model: Model) -> None:
         self.variant: str = mi.variant()
-        self.scene = scene
-        self.sensor = sensor
+        self.mitsuba_scene = scene
+        note_loaded(self)
+        self.camera = camera_of(sensor)
         self.model = model
         self.filter = PixelFilter(mi, sensor.film().rfilter())
         matte = Matte([shape.bsdf() for shape in scene.shapes()])
@@ -105,8 +108,10 @@ class PathKernel:
         self.shutter_open = float(sensor.shutter_open())
         self.shutter_time = float(sensor.shutter_open_time())
         # Traced once and replayed: tracing a pass anew takes as long as rendering a small one.
-        state = (scene, sensor, arrays_in(self.filter, self.directions, self.emitters, self.rays, self.sizes))
-        self._replayed: Any = dr.freeze(self._run, state_fn=lambda *_: state)
+        ours = self.camera, self.filter, self.directions, self.emitters, self.rays, self.sizes
+        state = (scene, sensor, arrays_in(*ours))
+        # Dr.Jit's calls reach the plugins of all scenes of the process.
+        self._replayed: Any = dr.freeze(self._run, state_fn=lambda *_: (state, loaded_scenes(self.variant)))
 
     def launch(self, pixels: Any, replicates: Any, seed: int) -> tuple[Any, Any, Any]:
         """Starts one pass; reading the returned arrays waits for it.
@@ -171,7 +176,7 @@ class PathKernel:
             extra = mi.Point2f(0.5)
             if dr.hint(self.model.needs_time or mi.is_spectral, mode="scalar"):
                 extra = sequence.point(index, TIME_AND_WAVELENGTH)
-            camera_ray, camera_weight = self.sensor.sample_ray(
+            camera_ray, camera_weight = self.camera.sample_ray(
                 self.shutter_open + self.shutter_time * extra.x, extra.y, position, lens, is_new
             )
             origin[is_new] = camera_ray.o
@@ -214,7 +219,7 @@ class PathKernel:
                         ref = dr.zeros(mi.Interaction3f)
                         ref.p = prev_p
                         ref.time = time
-                        ds_hit = mi.DirectionSample3f(self.scene, si, ref)
+                        ds_hit = mi.DirectionSample3f(self.mitsuba_scene, si, ref)
                         ds_hit.emitter = emitter
                         pdf_em = self.emitters.pdf(ref, ds_hit, sees_emitter & ~is_alone, prev_place)
                         weight_hit = dr.select(is_alone, 1, power_heuristic(prev_pdf, pdf_em))

@@ -53,6 +53,11 @@ class Scene:
     _parsed: Parsed = field(repr=False)
     _kernels: dict[Any, PathKernel] = field(default_factory=dict, repr=False)
 
+    def __post_init__(self) -> None:
+        from renderer.equation.loaded import note_loaded
+
+        note_loaded(self)
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is legal but odd about the scene."""

@@ -64,7 +64,7 @@ def _rays(scene: renderer.Scene) -> tuple[list[Any], list[Any]]:
     side = int(np.sqrt(PATHS))
     index = dr.arange(mi.UInt32, PATHS)
     position = mi.Point2f(mi.Float(index % side), mi.Float(index // side)) + pair()
-    ray, throughput = kernel.sensor.sample_ray(kernel.shutter_open, rng.next_float32(), position / side, pair(), True)
+    ray, throughput = kernel.camera.sample_ray(kernel.shutter_open, rng.next_float32(), position / side, pair(), True)
     throughput, eta = mi.Spectrum(throughput), mi.Float(1)
     limit = model.max_depth if model.max_depth >= 0 else MOST_VERTICES
     found, shadows = [], []
