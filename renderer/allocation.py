@@ -13,6 +13,8 @@ what one odd value can do.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +24,8 @@ from renderer.estimate.moments import Moments
 from renderer.estimate.neighbours import box_sum, doubled, event_rate, halved
 
 GROWTH = 1.15  # of all replicates, per round
+EVEN = 0.95  # of the error of equal numbers: what the best numbers must leave for equal ones to be kept,
+EVEN_GROWTH = 1.5  # for a round of this growth
 MAX_GROWTH = 2.0  # of one pixel's replicates, per round
 FLOOR_SHARE = 0.1  # of the replicates that go to all pixels alike
 EARLY_SHARE = 0.75  # of the mean count that every pixel has at least, until its interval can be trusted
@@ -36,10 +40,15 @@ STEPS, CLOSE = 60, 1e-9  # of the search for the level that a budget fills, and 
 def next_counts(moments: Moments, width: int, height: int, focus: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
     """(n,) replicates of each pixel at the end of the next round; in all, GROWTH times what there is.
 
-    focus: (n,) pixels whose error counts; the others get the floor alone.
+    focus: (n,) pixels whose error counts; the others get the floor alone. Where all pixels have the same number and
+    other ones would hardly do better, they go on so, for EVEN_GROWTH: planning is not free.
     """
     wanting, certainty = _wanting(moments, width, height)
-    weight = np.sqrt(np.fmax(wanting, 0.0) / _cost(moments, width, height))  # differences may round below zero
+    wanting, cost = np.fmax(wanting, 0.0), _cost(moments, width, height)  # differences may round below zero
+    least_tried, most_tried = int(moments.tried.min()), int(moments.tried.max())
+    if focus is None and least_tried == most_tried and _is_even(wanting, cost):
+        return np.full_like(moments.tried, math.ceil(EVEN_GROWTH * most_tried))
+    weight = np.sqrt(wanting / cost)
     if focus is not None:
         weight, certainty = np.where(focus, weight, 0.0), 1.0
     n, tried = len(weight), moments.tried.astype(np.float64)
@@ -58,6 +67,12 @@ def next_counts(moments: Moments, width: int, height: int, focus: NDArray[np.boo
     return moments.tried + whole
 
 
+def _is_even(wanting: NDArray[np.float64], cost: NDArray[np.float64]) -> bool:
+    """Whether the best numbers of replicates leave nearly as much error, at equal cost, as equal ones."""
+    best, equal = float(np.sqrt(wanting * cost).mean()) ** 2, float(wanting.mean()) * float(cost.mean())
+    return best >= EVEN * equal
+
+
 def _wanting(moments: Moments, width: int, height: int) -> tuple[NDArray[np.float64], float]:
     """(n,) relative variance of one replicate, from the neighbours of each pixel and without itself; and how far
     (0 … 1) the image tells where its variance is.
@@ -70,31 +85,27 @@ def _wanting(moments: Moments, width: int, height: int) -> tuple[NDArray[np.floa
     variance = moments.m2[:, :3] / np.maximum(moments.count - 1, 1)[:, None]
     own = np.where(measured, np.mean(variance / (moments.mean**2 + floor_of(moments.mean)), axis=1), 0.0)
     third = np.abs(moments.skewness()) * own**1.5
-    sums = tuple(a.reshape(shape).astype(np.float64) for a in (own, third, measured, moments.count))
-
-    own_sums, shapes = sums, [shape]
-    levels = [tuple(box_sum(a, WINDOW) for a in sums)]
+    sums = own_sums = np.stack([a.reshape(shape) for a in (own, third, measured, moments.count)]).astype(np.float64)
+    shapes, levels = [shape], [box_sum(sums, WINDOW)]
     while max(shapes[-1]) > WINDOW:
-        sums = tuple(halved(a) for a in sums)
-        shapes.append(sums[0].shape)
-        levels.append(tuple(box_sum(a, WINDOW) for a in sums))
-    whole = tuple(np.full((1, 1), a.sum()) for a in sums)
+        sums = halved(sums)
+        shapes.append((sums.shape[-2], sums.shape[-1]))
+        levels.append(box_sum(sums, WINDOW))
+    whole = sums.sum(axis=(-2, -1), keepdims=True)
 
     wanting = whole[0] / np.maximum(whole[2], 1.0)
-    events = event_rate(*whole[:3])
+    events = event_rate(whole[0], whole[1], whole[2])
     seen = float(events[0, 0] * whole[3][0, 0])
     certainty = seen / (seen + IMAGE_EVENTS) if np.isfinite(seen) else 1.0
     for k in reversed(range(len(levels))):
         window = levels[k]
         if k <= OWN_LEVELS:
             # From here on per pixel, without the pixel itself.
-            window = tuple(
-                np.maximum(_spread(a, shapes[:k]) - own, 0.0) for a, own in zip(window, own_sums, strict=True)
-            )
+            window = np.maximum(_spread(window, shapes[:k]) - own_sums, 0.0)
         total, cubed, among, replicates = window
         if wanting.shape != total.shape:
             between = shapes[: k + 1] if k == OWN_LEVELS else [total.shape]
-            wanting, events = _spread(wanting, between), _spread(events, between)
+            wanting, events = _spread(np.stack((wanting, events)), between)
         expected = np.minimum(replicates * events, 1e12)
         here = total / np.maximum(among, 1.0)
         wanting = (expected * here + EVENTS * wanting) / (expected + EVENTS)
@@ -112,7 +123,8 @@ def _spread(values: NDArray[np.float64], shapes: list[tuple[int, int]]) -> NDArr
 def _cost(moments: Moments, width: int, height: int) -> NDArray[np.float64]:
     """(n,) path segments that a replicate takes, from the neighbours of each pixel and without itself; 1 if unknown."""
     segments, tried = (a.reshape(height, width).astype(np.float64) for a in (moments.segments, moments.tried))
-    around, among = (np.maximum(box_sum(a, WINDOW) - a, 0.0) for a in (segments, tried))
+    both = np.stack((segments, tried))
+    around, among = np.maximum(box_sum(both, WINDOW) - both, 0.0)
     known = (around >= 1) & (among >= 1)
     return np.where(known, around / np.maximum(among, 1.0), max(1.0, float(segments.sum() / tried.sum()))).ravel()
 

@@ -1,7 +1,7 @@
 """Decides which lanes come next. Pure: nothing is rendered here, and no clock is read.
 
 A *round* gives every pixel of lowest count one more replicate. The first round starts with a coarse grid of pixels, so
-that there is a picture at once, and then fills the gaps, finer and finer; later rounds go in bands of rows. The order
+that there is a picture at once, and then fills the gaps, finer and finer. Pixels come in bands of rows. The order
 follows from these counts alone, so a resumed render goes on exactly where it would have. How many lanes go into a pass
 follows from the speed seen so far; a pixel's replicates are added in order all the same, so no bit depends on it.
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ PASS_SECONDS = 0.2  # aimed at: how long a stop, a pause or another job waits
 MIN_REPLICATES_TO_STOP = 4  # before an error target can be believed
 CHECKPOINT_GROWTH = 1.15
 ADAPTIVE_FROM = 4  # replicates of every pixel
+TILE = 4  # pixels on a side
+KEPT_VISITS = 2**22  # pixels of an image whose order is kept from pass to pass
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +84,8 @@ def next_round(
         yield from _first_round(tried, width, height, replicate_size, replicates_wanted, pass_samples)
         return
     lanes = max(1, pass_samples() // replicate_size)
-    behind = np.flatnonzero(tried == low).astype(np.uint32)
-    if low < FIRST_REPLICATES:
-        # Rows in scattered order: until every pixel has a variance, those that have one must stand for the image.
-        behind = behind[np.argsort(_scattered(height)[behind // width], kind="stable")]
+    order = _visits(width, height)
+    behind = order[tried[order] == low]
     # Small images take several replicates in one pass, as long as no checkpoint is skipped.
     n_replicates = 1
     if len(behind) == n:
@@ -106,14 +107,12 @@ def planned_round(
     lanes_left: int | None = None,
     pass_samples: Callable[[], int] = lambda: 2**20,
 ) -> Iterator[Pass]:
-    """The passes that bring every pixel to its planned number of replicates, in bands of rows.
+    """The passes that bring every pixel to its planned number of replicates.
 
-    lanes_left: never render more than this. The bands come in scattered order, so that a render which ends in between
-    has served all parts of the image alike.
+    lanes_left: never render more than this.
     """
-    behind = np.flatnonzero(planned > tried)
-    rank = _scattered(-(-len(tried) // width))
-    behind = behind[np.argsort(rank[behind // width], kind="stable")]
+    order = _visits(width, -(-len(tried) // width))
+    behind = order[(planned > tried)[order]]
     missing = planned[behind] - tried[behind]
     ends = np.cumsum(missing)
     rest = int(ends[-1]) if len(ends) else 0
@@ -129,17 +128,32 @@ def planned_round(
         stop = max(start + 1, int(np.searchsorted(ends, done + most, side="right")))
         chosen = slice(start, stop)
         some, n = behind[chosen], missing[chosen]
-        in_order = np.argsort(some)
-        some, n = some[in_order], n[in_order]
         if (n > 0).any():
             some, n = some[n > 0], n[n > 0]
-            yield Pass(some.astype(np.uint32), tried[some], n)
+            yield Pass(some, tried[some], n)
         start, done = stop, int(ends[stop - 1])
 
 
-def _scattered(n: int) -> NDArray[np.int64]:
-    """A rank for each of n rows that visits them evenly: the order of the golden-ratio sequence."""
-    return np.argsort(np.argsort((np.arange(n) * 0.6180339887498949) % 1.0))
+def _visits(width: int, height: int) -> NDArray[np.uint32]:
+    """(n,) pixels in the order in which they are rendered: bands of rows, and within each tile by tile.
+
+    The bands come in scattered order (that of the golden-ratio sequence): a render that ends in between has served all
+    parts of the image alike, and those pixels that have a variance already stand for it. The lanes that a processor
+    works on at a time are a tile: their rays are alike, whatever their pixel's replicates.
+    """
+    return _made_visits(width, height) if width * height > KEPT_VISITS else _kept_visits(width, height)
+
+
+def _made_visits(width: int, height: int) -> NDArray[np.uint32]:
+    bands, columns = -(-height // TILE), -(-width // TILE)
+    pixels = np.full((bands * TILE, columns * TILE), -1, np.int64)
+    pixels[:height, :width] = np.arange(width * height).reshape(height, width)
+    tiled = pixels.reshape(bands, TILE, columns, TILE).swapaxes(1, 2)
+    scattered = tiled[np.argsort((np.arange(bands) * 0.6180339887498949) % 1.0)].ravel()
+    return scattered[scattered >= 0].astype(np.uint32)
+
+
+_kept_visits = lru_cache(maxsize=8)(_made_visits)
 
 
 def _even(rest: int, most: int) -> int:
@@ -165,9 +179,9 @@ def _first_round(
     # Two replicates on the first grid: with the first picture comes a first error.
     n_replicates = 1 if replicates_wanted == 1 else FIRST_REPLICATES
     while stride >= 1:
-        rows = np.arange(0, height, stride, dtype=np.uint32)
-        columns = np.arange(0, width, stride, dtype=np.uint32)
-        grid = (rows[:, None] * np.uint32(width) + columns[None, :]).ravel()
+        n_columns, n_rows = -(-width // stride), -(-height // stride)
+        rows, columns = np.divmod(_visits(n_columns, n_rows), np.uint32(n_columns))
+        grid = (rows * np.uint32(width) + columns) * np.uint32(stride)
         fresh = grid[~done[grid]]
         start = 0
         while start < len(fresh):

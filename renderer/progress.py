@@ -224,6 +224,9 @@ class _Render:
         if self._is_round_over():
             self.planned = allocation.next_counts(self.moments, s.width, s.height, self.scope)
         assert self.planned is not None
+        if (level := int(self.planned.min())) == int(self.planned.max()) and int(tried.max()) <= level:
+            most = level if self.wanted is None else min(level, self.wanted)
+            return plan.next_round(tried, s.width, s.height, self.size, most, self._pass_samples)
         left = None if self.wanted is None else self.wanted * self.n - int(tried.sum())
         return plan.planned_round(tried, self.planned, s.width, self.size, left, self._pass_samples)
 
@@ -253,7 +256,11 @@ class _Render:
             self.moments, self.is_shown = self.moments.copy(), False
             self.snapshot_cost += time.perf_counter() - began
         for some, lanes in launched.work.layers():
-            where = slice(None) if len(some) == self.n else some
+            where: Any = some
+            if len(some) == self.n:  # in the order of the image, for the sake of speed
+                where, by_pixel = slice(None), np.empty_like(lanes)
+                by_pixel[some] = lanes
+                lanes = by_pixel
             self.moments.add(where, radiance[lanes], invalid[lanes], self.size, segments[lanes])
         if launched is self.in_flight:
             self.in_flight = None

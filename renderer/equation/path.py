@@ -126,6 +126,11 @@ class PathKernel:
         dr.eval(*lanes)  # apart from what reads them: else their number would be compiled into the kernel
         return lanes
 
+    @property
+    def is_recorded(self) -> bool:
+        """Whether passes are replayed; else each is traced anew."""
+        return self._replayed != self._run
+
     def _replay(self, *arguments: Any) -> Any:
         try:
             return self._replayed(*arguments)

@@ -1,4 +1,7 @@
-"""Sums over the neighbourhood of each pixel, for what one pixel alone cannot tell."""
+"""Sums over the neighbourhood of each pixel, for what one pixel alone cannot tell.
+
+Several maps may be stacked, (…, H, W): one call then serves them all.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,14 @@ Map = NDArray[np.float64]
 
 
 def box_sum(values: Map, size: int) -> Map:
-    """(H, W) sum of what is not negative over the size × size pixels around each one; outside the image is nothing.
+    """(…, H, W) sum of what is not negative over the size × size pixels around each one; outside the image is nothing.
 
     The filter's running sums leave rounding behind them, of either sign.
     """
-    down = uniform_filter1d(values, size, axis=0, mode="constant")
-    return np.maximum(uniform_filter1d(down, size, axis=1, mode="constant") * float(size * size), 0.0)
+    down = uniform_filter1d(values, size, axis=-2, mode="constant")
+    across = uniform_filter1d(down, size, axis=-1, mode="constant", output=down)
+    across *= float(size * size)
+    return np.maximum(across, 0.0, out=across)
 
 
 def box_mean(values: Map, size: int) -> Map:
@@ -32,18 +37,19 @@ def pixels_within(shape: tuple[int, int], size: int) -> Map:
 
 
 def halved(values: Map) -> Map:
-    """(⌈H/2⌉, ⌈W/2⌉) sums of 2 × 2 pixels."""
-    height, width = values.shape
-    padded = np.pad(values, ((0, height % 2), (0, width % 2)))
-    rows = padded[0::2] + padded[1::2]
-    return rows[:, 0::2] + rows[:, 1::2]
+    """(…, ⌈H/2⌉, ⌈W/2⌉) sums of 2 × 2 pixels."""
+    rows = values[..., 0::2, :].copy()
+    rows[..., : values.shape[-2] // 2, :] += values[..., 1::2, :]
+    both = rows[..., 0::2].copy()
+    both[..., : values.shape[-1] // 2] += rows[..., 1::2]
+    return both
 
 
 def doubled(values: Map, shape: tuple[int, int]) -> Map:
-    """(H, W) of the given shape: each value repeated 2 × 2; a single value everywhere."""
-    if values.shape == (1, 1):
-        return np.full(shape, values[0, 0])
-    return np.repeat(np.repeat(values, 2, axis=0), 2, axis=1)[: shape[0], : shape[1]]
+    """(…, H, W) of the given shape: each value repeated 2 × 2; a single value everywhere."""
+    if values.shape[-2:] == (1, 1):
+        return np.broadcast_to(values, (*values.shape[:-2], *shape))
+    return np.repeat(np.repeat(values, 2, axis=-2), 2, axis=-1)[..., : shape[0], : shape[1]]
 
 
 def event_rate(variance: Map, third: Map, among: Map) -> Map:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from renderer.allocation import FLOOR_SHARE, GROWTH, MAX_GROWTH, next_counts
+from renderer.allocation import EVEN_GROWTH, FLOOR_SHARE, GROWTH, MAX_GROWTH, next_counts
 from renderer.estimate.moments import Moments
 
 WIDTH, HEIGHT = 24, 16
@@ -131,3 +131,10 @@ def test_the_smallest_images_have_a_next_round_too(size: tuple[int, int]) -> Non
     width, height = size
     moments = moments_of(np.full(width * height, 0.5), 5)
     assert next_counts(moments, width, height).sum() > 5 * width * height
+
+
+def test_equal_counts_stay_equal_where_others_would_hardly_do_better() -> None:
+    counts = next_counts(moments_of(np.full(N, 0.5), 16), WIDTH, HEIGHT)
+    assert set(counts) == {int(np.ceil(EVEN_GROWTH * 16))}
+    is_dull = np.arange(N) % WIDTH < WIDTH // 2
+    assert len(set(next_counts(moments_of(np.where(is_dull, 0.1, 0.5), 16), WIDTH, HEIGHT))) > 1
