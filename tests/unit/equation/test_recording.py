@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ def tiled_room(sensor: dict[str, Any]) -> Scene:
 
 
 def launches(scene: Scene, times: int = 3) -> PathKernel:
+    gc.collect()  # what other tests loaded: a recording is of all scenes that are there
     pixels = np.arange(64, dtype=np.uint32)
     kernel = scene.kernel(scene.resolved(SETTINGS, 4))
     for turn in range(times):
