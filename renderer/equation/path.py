@@ -12,10 +12,11 @@ The techniques differ in how ωi is drawn (see `techniques.py`). Source: Kajiya 
 
 from __future__ import annotations
 
+import copy
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -108,10 +109,18 @@ class PathKernel:
         self.shutter_open = float(sensor.shutter_open())
         self.shutter_time = float(sensor.shutter_open_time())
         # Traced once and replayed: tracing a pass anew takes as long as rendering a small one.
-        ours = self.camera, self.filter, self.directions, self.emitters, self.rays, self.sizes
+        ours = self.camera, self.filter, self.directions, self.emitters, self.rays
         state = (scene, sensor, arrays_in(*ours))
         # Dr.Jit's calls reach the plugins of all scenes of the process.
         self._replayed: Any = dr.freeze(self._run, state_fn=lambda *_: (state, loaded_scenes(self.variant)))
+
+    def with_replicates_of(self, size: int) -> PathKernel:
+        """This kernel for replicates of another size: nothing is traced or compiled anew."""
+        other = copy.copy(self)
+        other.model = replace(self.model, replicate_size=size)
+        other.sizes = (*self.sizes[:2], dr.opaque(mi.UInt32, size), *self.sizes[3:])
+        note_loaded(other)
+        return other
 
     def launch(self, pixels: Any, replicates: Any, seed: int) -> tuple[Any, Any, Any]:
         """Starts one pass; reading the returned arrays waits for it.
@@ -122,14 +131,14 @@ class PathKernel:
         """
         low, high = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), dr.opaque(mi.UInt32, seed >> 32)
         with dr.suspend_grad(), using(self.variant), _collector_paused():
-            lanes = self._replay(table(pixels, mi.UInt32), table(replicates, mi.UInt32), low, high)
+            lanes = self._replay(table(pixels, mi.UInt32), table(replicates, mi.UInt32), low, high, self.sizes)
         dr.eval(*lanes)  # apart from what reads them: else their number would be compiled into the kernel
         return lanes
 
     @property
     def is_recorded(self) -> bool:
         """Whether passes are replayed; else each is traced anew."""
-        return self._replayed != self._run
+        return hasattr(self._replayed, "n_recordings")
 
     def _replay(self, *arguments: Any) -> Any:
         try:
@@ -142,9 +151,9 @@ class PathKernel:
             return self._run(*arguments)
 
     @dr.syntax
-    def _run(self, pixel: Any, replicate: Any, seed_low: Any, seed_high: Any) -> Any:
+    def _run(self, pixel: Any, replicate: Any, seed_low: Any, seed_high: Any, sizes: Sizes) -> Any:
         rays = self.rays
-        width, height, replicate_size, depth_limit, rr_depth = self.sizes
+        width, height, replicate_size, depth_limit, rr_depth = sizes
         key_a, key_b = Sequence.keys(seed_low, seed_high, pixel, replicate)
         sequence = Sequence(mi, key_a, key_b, replicate_size, self.model.stratified)
         column, row = mi.Float(pixel % width), mi.Float(pixel // width)

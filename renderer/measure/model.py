@@ -103,7 +103,7 @@ def _compilation(scene: Scene, model: Model, turn: int) -> tuple[int, float]:
         lane = dr.opaque(mi.UInt32, 0, 16)
         anew = mi.UInt32((time.time_ns() // 1000) % 2**31 + turn)  # no opaque: part of the code
         dr.kernel_history_clear()
-        dr.eval(kernel._run(lane, lane, anew, mi.UInt32(turn)))
+        dr.eval(kernel._run(lane, lane, anew, mi.UInt32(turn), kernel.sizes))
         dr.sync_thread()
         found = max(dr.kernel_history(), key=lambda k: k.get("operation_count", 0))
     return int(found["operation_count"]), (found["codegen_time"] + found["backend_time"]) / 1000

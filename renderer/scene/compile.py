@@ -126,12 +126,19 @@ class Scene:
         return self.kernel_of(self.model(settings))
 
     def kernel_of(self, model: Model) -> PathKernel:
-        """The kernel of a model."""
+        """The kernel of a model. Kernels that differ by the size of replicates alone are one."""
         from renderer.equation.path import PathKernel
 
         if model not in self._kernels:
+            like = next(
+                (k for m, k in self._kernels.items() if m == replace(model, replicate_size=m.replicate_size)), None
+            )
             with using(self.variant):
-                self._kernels[model] = PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)
+                self._kernels[model] = (
+                    like.with_replicates_of(model.replicate_size)
+                    if like is not None
+                    else PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)
+                )
         return self._kernels[model]
 
     def channels(self, settings: Settings, names: tuple[str, ...]) -> dict[str, NDArray[np.float32]]:

@@ -6,11 +6,11 @@ alone, by pure `ray_intersect` and `ray_test`: a kernel that spends no time on a
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
 import renderer
 from renderer.backend import mitsuba, using
@@ -27,7 +27,9 @@ class RayCasts:
     def __init__(self, scene: renderer.Scene) -> None:
         self.scene = scene
         with using(scene.variant), dr.suspend_grad():
-            self.found, self.shadows = _rays(scene)
+            found, shadows = _rays(scene)
+            # Cast at once: launching a kernel for each depth takes longer than casting the few rays of late ones.
+            self.found, self.shadows = ([_joined(rays)] if rays else [] for rays in (found, shadows))
             self.rays = sum(dr.width(ray.o) for ray in self.found + self.shadows) / PATHS
             self.seconds()  # compiles
 
@@ -38,17 +40,18 @@ class RayCasts:
 
 
 def _cast(scene: Any, found: list[Any], shadows: list[Any]) -> float:
-    dr.sync_thread()
-    began = time.perf_counter()
-    sums = []
-    for ray in found:
-        si = scene.ray_intersect(ray)
-        # All of the interaction is wanted, as the kernel wants it.
-        sums.append(dr.sum(dr.select(si.is_valid(), si.t + si.n.x + si.sh_frame.n.x + si.uv.x + si.wi.z, 0)))
-    sums += [dr.sum(mi.Float(scene.ray_test(ray))) for ray in shadows]
-    dr.eval(sums)
-    dr.sync_thread()
-    return time.perf_counter() - began
+    """Seconds in kernels: writing down what they shall do takes longer than casting a few rays."""
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        sums = []
+        for ray in found:
+            si = scene.ray_intersect(ray)
+            # All of the interaction is wanted, as the kernel wants it.
+            sums.append(dr.sum(dr.select(si.is_valid(), si.t + si.n.x + si.sh_frame.n.x + si.uv.x + si.wi.z, 0)))
+        sums += [dr.sum(mi.Float(scene.ray_test(ray))) for ray in shadows]
+        dr.eval(sums)
+        dr.sync_thread()
+        return sum(kernel["execution_time"] for kernel in dr.kernel_history()) / 1000
 
 
 def _rays(scene: renderer.Scene) -> tuple[list[Any], list[Any]]:
@@ -99,6 +102,21 @@ def _rays(scene: renderer.Scene) -> tuple[list[Any], list[Any]]:
         throughput, eta = dr.gather(mi.Spectrum, throughput, kept), dr.gather(mi.Float, eta, kept)
         rng = mi.PCG32(dr.width(kept), initstate=dr.opaque(mi.UInt64, depth + 1))
     return found, [ray for ray in shadows if dr.width(ray.o) > 0]
+
+
+def _joined(rays: list[Any]) -> Any:
+    """One array of all."""
+
+    def whole(*parts: Any) -> NDArray[np.float32]:
+        widths = [dr.width(ray.o) for ray in rays]
+        rows = (np.atleast_2d(np.array(part, np.float32)) for part in parts)
+        return np.concatenate([np.broadcast_to(r, (len(r), n)) for r, n in zip(rows, widths, strict=True)], axis=1)
+
+    o, d = whole(*(ray.o for ray in rays)), whole(*(ray.d for ray in rays))
+    ray = mi.Ray3f(mi.Point3f(o), mi.Vector3f(d), mi.Float(whole(*(ray.time for ray in rays))[0]), rays[0].wavelengths)
+    ray.maxt = mi.Float(whole(*(ray.maxt for ray in rays))[0])
+    dr.eval(ray)
+    return ray
 
 
 def _only(ray: Any, active: Any) -> Any:
