@@ -104,8 +104,7 @@ class EmitterSampler:
         if self.even.knows_all:
             return self.even.sample(ref, index, emitter, u, active)
         is_even = self.even.is_known(index, active)
-        asked = self.only if self.only is not None else emitter  # one alone is traced itself, not called
-        ds, weight = asked.sample_direction(ref, u, active & ~is_even)
+        ds, weight = self._asked(emitter).sample_direction(ref, u, active & ~is_even)
         if not self.even.is_empty:
             ds_even, weight_even = self.even.sample(ref, index, emitter, u, is_even)
             for name in ("p", "n", "d", "dist", "pdf"):
@@ -124,21 +123,30 @@ class EmitterSampler:
             pdf = self.even.pdf(ref, ds, index, is_known)
         else:
             is_even = self.even.is_known(index, is_known)
-            pdf = ds.emitter.pdf_direction(ref, ds, is_known & ~is_even)
+            pdf = self._asked(ds.emitter).pdf_direction(ref, ds, is_known & ~is_even)
             if not self.even.is_empty:
                 pdf = dr.select(is_even, self.even.pdf(ref, ds, index, is_even), pdf)
         return dr.select(is_known, pdf * pmf, 0)
 
     def emission(self, si: Any, emitter: Any, active: Any) -> Any:
         """Radiance of a light that a ray hit, back along the ray."""
-        if self.is_empty or self.even.is_empty or mi.is_spectral:
+        if self.is_empty:
             return emitter.eval(si, active)
+        asked = self._asked(emitter) if self.samples_all else emitter
+        if self.even.is_empty or mi.is_spectral:
+            asked = asked if self.even.is_empty else emitter
+            return dr.select(active, asked.eval(si, active), 0)
         index, is_known = self._index(emitter, active)
         is_even = self.even.is_known(index, is_known)
         radiance = dr.select(is_even, self.even.radiance(si, index, is_even), 0)
         if not (self.even.knows_all and self.samples_all):
-            radiance = dr.select(is_even, radiance, emitter.eval(si, active & ~is_even))
+            radiance = dr.select(is_even, radiance, asked.eval(si, active & ~is_even))
         return radiance
+
+    def _asked(self, emitter: Any) -> Any:
+        """What to ask about emitters that are not even: the only one of them becomes part of the code, without a call
+        that could be any emitter's."""
+        return emitter if self.even.other is None else self.even.other
 
     def _index(self, emitter: Any, active: Any) -> tuple[Any, Any]:
         """The index of an emitter, and whether it is one of those that are sampled."""

@@ -41,7 +41,8 @@ class _Light:
 
 
 class EvenLights:
-    """emitters: those of a scene, in the order of their index. `knows_all` where none is of another kind."""
+    """emitters: those of a scene, in the order of their index. `knows_all` where none is of another kind; `other`: that
+    which is, where there is just one."""
 
     def __init__(self, scene: Any, emitters: list[Any]) -> None:
         # An emitter tells its shape without telling that it is a mesh.
@@ -52,6 +53,8 @@ class EvenLights:
         known = rows[:, 11] > 0
         self.is_empty = not known.any()
         self.knows_all = bool(known.all())
+        others = [emitter for emitter, is_known in zip(emitters, known, strict=True) if not is_known]
+        self.other = others[0] if len(others) == 1 else None
         self.has_balls = bool((rows[known, 3] != 0).any())
         self.has_plates = bool((rows[known, 3] == 0).any())
         # A light alone becomes part of the code.
