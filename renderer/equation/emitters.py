@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
 from renderer.equation.collimated import CollimatedLights, is_collimated
-from renderer.equation.even_lights import EvenLights, registry_id
+from renderer.equation.even_lights import EvenLights
 from renderer.equation.light_choice import LightChoice
 from renderer.equation.light_survey import survey
-from renderer.equation.tables import table
+from renderer.equation.tables import registry_id, table
 
 mi: Any = mitsuba()
 

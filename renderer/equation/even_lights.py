@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
 from renderer.equation.primitives import sphere_of, whole_plate_of
-from renderer.equation.tables import table
+from renderer.equation.tables import registry_id, table
 
 mi: Any = mitsuba()
 
@@ -124,12 +124,6 @@ class EvenLights:
         if self._alone is not None:
             return mi.Vector4f(*map(float, self._alone[4 * quarter : 4 * quarter + 4]))
         return dr.gather(mi.Vector4f, self._rows, index * (ROW // 4) + quarter, active)
-
-
-def registry_id(emitter: Any) -> int:
-    """The number by which Dr.Jit's pointers name an emitter."""
-    pointer: Any = dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))
-    return int(pointer[0])
 
 
 def _fill(row: NDArray[np.float32], emitter: Any, shape: Any) -> None:

@@ -12,7 +12,7 @@ import drjit as dr
 import numpy as np
 
 from renderer.backend import mitsuba
-from renderer.equation.tables import table
+from renderer.equation.tables import registry_id, table
 
 mi: Any = mitsuba()
 
@@ -86,12 +86,6 @@ class Matte:
         bs.eta = 1
         bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
         return bs, mi.Spectrum(dr.select(bs.pdf > 0, reflectance, 0))
-
-
-def registry_id(bsdf: Any) -> int:
-    """The number by which Dr.Jit's pointers name a BSDF."""
-    pointer: Any = dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))
-    return int(pointer[0])
 
 
 def _may_be_plain(bsdf: Any) -> bool:

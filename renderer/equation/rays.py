@@ -18,9 +18,8 @@ import drjit as dr
 import numpy as np
 
 from renderer.backend import mitsuba
-from renderer.equation.even_lights import registry_id
 from renderer.equation.primitives import Ball, Plate, Primitives, Tube
-from renderer.equation.tables import table
+from renderer.equation.tables import registry_id, table
 
 mi: Any = mitsuba()
 

@@ -21,6 +21,13 @@ def table(values: Any, of_type: Any) -> Any:
     return copy
 
 
+def registry_id(plugin: Any) -> int:
+    """The number by which Dr.Jit's pointers name a BSDF or an emitter."""
+    pointer = mi.BSDFPtr(plugin) if isinstance(plugin, mi.BSDF) else mi.EmitterPtr(plugin)
+    number: Any = dr.reinterpret_array(mi.UInt32, pointer)
+    return int(number[0])
+
+
 def arrays_in(*holders: Any) -> list[Any]:
     """The Dr.Jit arrays that objects of ours hold, in a fixed order: what a recorded kernel reads."""
     found: list[Any] = []

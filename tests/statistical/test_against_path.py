@@ -11,22 +11,8 @@ from conftest import mean_and_error, shared_scene, z_limit
 
 import renderer
 from renderer.backend import mitsuba
+from tests.benchmarks.scenes import SHARED_SURFACES
 
-SHARED_SCENES = (
-    "cornell-box",
-    "veach-mis",
-    "veach-bidir",
-    "veach-ajar",
-    "matpreview",
-    "thinlens",
-    "living-room",
-    "cbox-glass-mirror",
-    "sdf-instance",
-    "room-indirect",
-    "room-manylights",
-    "caustic-ring",
-    "pool",
-)
 GALLERY = ("cornell-box", "plates", "materials", "ring-sky", "glass-sky", "caustic", "many-lights", "gap", "furnace")
 SIZE = renderer.Settings(width=96, height=72, colour="rgb")
 PATH_RUNS = 16
@@ -63,7 +49,7 @@ def assert_agrees(source: Any, seed: int) -> None:
     assert estimate.invalid.sum() == 0
 
 
-@pytest.mark.parametrize("name", SHARED_SCENES)
+@pytest.mark.parametrize("name", SHARED_SURFACES)
 def test_shared_scene_agrees_with_path(name: str, seed: int) -> None:
     assert_agrees(shared_scene(name), seed)
 

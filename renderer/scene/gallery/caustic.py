@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from renderer.backend import mitsuba
-
 from .gallery_scene import GalleryScene
-from .parts import area_light, camera, diffuse, glass, metal, rectangle, scene, sphere, sphere_light
+from .parts import area_light, camera, diffuse, glass, metal, rectangle, scene, sphere, sphere_light, upright_ring
 
 WIDTH, HEIGHT = 768, 512
 MAX_DEPTH = 12
@@ -24,23 +22,13 @@ BALL_RADIUS = 0.62
 
 def build() -> dict[str, Any]:
     """A gold ring, a glass ball and a mirror ball on a pale table, with a dim wide lamp overhead."""
-    mi = mitsuba()
-
-    upright = mi.ScalarTransform4f().translate([-1.05, 0.002, 0.1]).rotate([1, 0, 0], -90)
     return scene(
         camera((0.1, 4.5, 5.4), (0.05, 0.1, -0.1), 41.5, WIDTH, HEIGHT),
         MAX_DEPTH,
         {
             "table": rectangle((-8, 0, -5), (0, 0, 14), (16, 0, 0), bsdf=diffuse(0.66, 0.6, 0.52)),
             "wall": rectangle((-8, 0, -3.2), (16, 0, 0), (0, 9, 0), bsdf=diffuse(0.32, 0.45, 0.52)),
-            "ring": {
-                "type": "cylinder",
-                "p0": [0, 0, 0],
-                "p1": [0, 0, RING_HEIGHT],
-                "radius": RING_RADIUS,
-                "to_world": upright,
-                "bsdf": metal("gold"),
-            },
+            "ring": upright_ring((-1.05, 0.002, 0.1), RING_RADIUS, RING_HEIGHT, bsdf=metal("gold")),
             "glass-ball": sphere((1.35, BALL_RADIUS + 0.002, 0.55), BALL_RADIUS, bsdf=glass()),
             "mirror-ball": sphere((0.85, 0.36, -1.1), 0.36, bsdf=metal("silver")),
             "lamp": sphere_light(LAMP_CENTRE, LAMP_RADIUS, (1.0, 0.88, 0.7), LAMP_POWER),

@@ -120,6 +120,13 @@ def sphere(centre: Vector, radius: float, **extra: Any) -> Plugin:
     return {"type": "sphere", "center": list(centre), "radius": radius, **extra}
 
 
+def upright_ring(foot: Vector, radius: float, height: float, bsdf: Plugin) -> Plugin:
+    """An open cylinder that stands on `foot` and faces outwards."""
+    turned = mitsuba().ScalarTransform4f().translate(list(foot)).rotate([1, 0, 0], -90)
+    ends = {"p0": [0, 0, 0], "p1": [0, 0, height], "radius": radius}
+    return {"type": "cylinder", **ends, "to_world": turned, "bsdf": bsdf}
+
+
 def area_light(colour: Vector, radiance: float = 1.0) -> Plugin:
     """An emitter for a shape: radiance per channel = colour · radiance."""
     return {"type": "area", "radiance": scaled(colour, radiance)}

@@ -10,11 +10,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from renderer.backend import mitsuba
-
 from .clear_sky import clear_sky
 from .gallery_scene import GalleryScene
-from .parts import Vector, camera, diffuse, glazed, metal, rectangle, rgb, scene, sphere
+from .parts import Vector, camera, diffuse, glazed, metal, rectangle, rgb, scene, sphere, upright_ring
 
 WIDTH, HEIGHT = 768, 512
 MAX_DEPTH = 12
@@ -26,23 +24,13 @@ RING_RADIUS, RING_HEIGHT = 1.1, 0.5
 
 def build() -> dict[str, Any]:
     """A low ring on a plain, two matt balls and a glazed one around it."""
-    mi = mitsuba()
-
-    upright = mi.ScalarTransform4f().translate([-0.2, 0, 0]).rotate([1, 0, 0], -90)
     return scene(
         camera((0.2, 3.6, 5.0), (0.05, 0.2, -0.1), 40.0, WIDTH, HEIGHT),
         MAX_DEPTH,
         {
             "sky": clear_sky(SUN_DIRECTION, SUN_RADIUS, SUN_IRRADIANCE),
             "plain": rectangle((-60, 0, -60), (0, 0, 120), (120, 0, 0), bsdf=diffuse(0.46, 0.41, 0.33)),
-            "ring": {
-                "type": "cylinder",
-                "p0": [0, 0, 0],
-                "p1": [0, 0, RING_HEIGHT],
-                "radius": RING_RADIUS,
-                "to_world": upright,
-                "bsdf": _lined((0.2, 0.22, 0.25), "gold"),
-            },
+            "ring": upright_ring((-0.2, 0, 0), RING_RADIUS, RING_HEIGHT, bsdf=_lined((0.2, 0.22, 0.25), "gold")),
             "terracotta": sphere((1.75, 0.5, -0.9), 0.5, bsdf=diffuse(0.55, 0.25, 0.15)),
             "chalk": sphere((-1.75, 0.35, -1.2), 0.35, bsdf=diffuse(0.6, 0.6, 0.55)),
             "glazed": sphere((1.45, 0.3, 0.95), 0.3, bsdf=glazed((0.04, 0.2, 0.3))),
