@@ -73,10 +73,12 @@ def next_round(
     replicate_size: int,
     replicates_wanted: int | None,
     pass_samples: Callable[[], int] = lambda: 2**20,
+    is_checked: bool = True,
 ) -> Iterator[Pass]:
     """The passes of the next round.
 
     tried: (n,) replicates rendered so far. replicates_wanted: never go beyond this. pass_samples: asked each time.
+    is_checked: whether a target is looked at on the way, at checkpoints.
     """
     low = int(tried.min())
     n = width * height
@@ -86,10 +88,11 @@ def next_round(
     lanes = max(1, pass_samples() // replicate_size)
     order = _visits(width, height)
     behind = order[tried[order] == low]
-    # Small images take several replicates in one pass, as long as no checkpoint is skipped.
+    # Small images take several replicates in one pass, as long as no checkpoint is skipped that matters.
     n_replicates = 1
     if len(behind) == n:
-        n_replicates = max(1, min(lanes // n, next_checkpoint(low) - low))
+        ahead = next_checkpoint(low) - low if is_checked or low < ADAPTIVE_FROM else low
+        n_replicates = max(1, min(lanes // n, ahead))
     if replicates_wanted is not None:
         n_replicates = max(1, min(n_replicates, replicates_wanted - low))
     start = 0

@@ -220,15 +220,19 @@ class _Render:
     def _next_round(self) -> Iterator[plan.Pass]:
         tried, s = self.moments.tried, self.scene
         if not self.settings.adaptive or int(tried.min()) < plan.ADAPTIVE_FROM:
-            return plan.next_round(tried, s.width, s.height, self.size, self.wanted, self._pass_samples)
+            return self._level_round(self.wanted)
         if self._is_round_over():
             self.planned = allocation.next_counts(self.moments, s.width, s.height, self.scope)
         assert self.planned is not None
         if (level := int(self.planned.min())) == int(self.planned.max()) and int(tried.max()) <= level:
-            most = level if self.wanted is None else min(level, self.wanted)
-            return plan.next_round(tried, s.width, s.height, self.size, most, self._pass_samples)
+            return self._level_round(level if self.wanted is None else min(level, self.wanted))
         left = None if self.wanted is None else self.wanted * self.n - int(tried.sum())
         return plan.planned_round(tried, self.planned, s.width, self.size, left, self._pass_samples)
+
+    def _level_round(self, most: int | None) -> Iterator[plan.Pass]:
+        s, is_checked = self.scene, self.target.error is not None
+        shape = s.width, s.height, self.size
+        return plan.next_round(self.moments.tried, *shape, most, self._pass_samples, is_checked)
 
     def _is_round_over(self) -> bool:
         return self.planned is None or bool((self.moments.tried >= self.planned).all())

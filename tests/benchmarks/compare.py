@@ -44,6 +44,7 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
 
     rates: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
     errors: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
+    typical: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
     n = scene.width * scene.height
     casts, cast_seconds = RayCasts(scene), []
     # Last, for every scene that is loaded makes Dr.Jit compile anew what calls its plugins.
@@ -54,10 +55,12 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
         rates["fredholm"].append(estimate.samples / took)
         estimate, took = _ours(scene, effort.seconds, turn + 1)
         errors["fredholm"].append(reference.rel_mse(estimate.mean) * took)
+        typical["fredholm"].append(reference.typical_rel_mse(estimate.mean) * took)
         for sampler, peer in peers.items():
             image, took, done = peer.render(spp[sampler], turn + 1)
             rates[sampler].append(done * n / took)
             errors[sampler].append(reference.rel_mse(image) * took)
+            typical[sampler].append(reference.typical_rel_mse(image) * took)
 
     plain = effort.samplers[0]
     ours_at_equal_time = statistics.median(errors["fredholm"])
@@ -87,6 +90,8 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
         "path_sampler_rates": {s: statistics.median(rates[s]) for s in peers},
         "error_ratio": at_equal_time[plain] / ours_at_equal_time,
         "error_ratio_range": [min(turns), max(turns)],
+        "typical_error_ratio": statistics.median(typical[plain]) / statistics.median(typical["fredholm"]),
+        "typical_error_ratio_to_best": statistics.median(typical[best]) / statistics.median(typical["fredholm"]),
         "error_ratio_to_best": at_equal_time[best] / ours_at_equal_time,
         "best_sampler": best,
         "reference_share": reference.own_rel_mse * effort.seconds / max(ours_at_equal_time, 1e-30),

@@ -19,6 +19,7 @@ from renderer.estimate.error import floor_of, rel_mse
 FOLDER = Path(__file__).parents[1] / "output" / "references"
 SEED = 2**40 + 17  # no benchmark renders with this one
 SECONDS_AT_ONCE = 20.0
+WORST = 0.01  # share of the pixels
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,15 @@ class Reference:
     def rel_mse(self, image: NDArray) -> float:
         """Relative squared error of an image, the reference's own part taken off."""
         return rel_mse(image, self.mean) - self.own_rel_mse
+
+    def typical_rel_mse(self, image: NDArray) -> float:
+        """The same without the worst hundredth of the pixels: fireflies come in a few runs of many, and one of them
+        decides the mean over all."""
+        scale = self.mean**2 + floor_of(self.mean)
+        squared = np.mean((image - self.mean) ** 2 / scale, axis=-1).ravel()
+        own = np.mean(self.variance / scale, axis=-1).ravel()
+        kept = np.argsort(squared)[: max(1, round((1 - WORST) * len(squared)))]
+        return float(np.mean(squared[kept] - own[kept]))
 
 
 def converged(scene: renderer.Scene, seconds: float, keep: bool = True) -> Reference:
