@@ -31,7 +31,8 @@ FLOOR_SHARE = 0.1  # of the replicates that go to all pixels alike
 EARLY_SHARE = 0.75  # of the mean count that every pixel has at least, until its interval can be trusted
 WINDOW = 3
 EVENTS = 5.0  # expected rare bright values after which a neighbourhood is taken at its own word
-IMAGE_EVENTS = 50.0  # the same for the whole image: fewer say nothing about where they are to be expected
+IMAGE_EVENTS = 120.0  # the same for the whole image: fewer say nothing about where they are to be expected,
+STEEPNESS = 3.0  # many more say all
 OWN_LEVELS = 3  # of the coarser windows, from which a pixel is left out one by one; it is a 576th of the next
 GOLDEN = 0.6180339887498949
 STEPS, CLOSE = 60, 1e-9  # of the search for the level that a budget fills, and how near to the budget it comes
@@ -96,7 +97,7 @@ def _wanting(moments: Moments, width: int, height: int) -> tuple[NDArray[np.floa
     wanting = whole[0] / np.maximum(whole[2], 1.0)
     events = event_rate(whole[0], whole[1], whole[2])
     seen = float(events[0, 0] * whole[3][0, 0])
-    certainty = seen / (seen + IMAGE_EVENTS) if np.isfinite(seen) else 1.0
+    certainty = 1.0 if np.isnan(seen) else 1 / (1 + (IMAGE_EVENTS / max(seen, 1e-9)) ** STEEPNESS)
     for k in reversed(range(len(levels))):
         window = levels[k]
         if k <= OWN_LEVELS:
