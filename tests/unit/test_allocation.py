@@ -86,8 +86,8 @@ def test_noisy_places_get_more_and_quiet_ones_their_floor() -> None:
     assert count.min() >= 0.8 * FLOOR_SHARE * count.mean()
 
 
-@pytest.mark.parametrize(("probability", "least"), [(0.1, 3.5), (0.05, 3.0)])
-def test_a_rare_light_in_one_spot_draws_the_samples_there(probability: float, least: float) -> None:
+@pytest.mark.parametrize(("probability", "replicates", "least"), [(0.1, 64, 2.5), (0.1, 128, 3.5), (0.05, 128, 3.0)])
+def test_a_rare_light_in_one_spot_draws_the_samples_there(probability: float, replicates: int, least: float) -> None:
     # Without noise in the counts 7.1 and 8.8 could be gained.
     y, x = np.divmod(np.arange(N), WIDTH)
     in_spot = (abs(x - WIDTH // 2) < 3) & (abs(y - HEIGHT // 2) < 3)
@@ -101,7 +101,7 @@ def test_a_rare_light_in_one_spot_draws_the_samples_there(probability: float, le
 
     for _ in range(4):
         add(np.arange(N))
-    while moments.tried.mean() < 64:
+    while moments.tried.mean() < replicates:
         wanted = next_counts(moments, WIDTH, HEIGHT)
         while (behind := np.flatnonzero(wanted > moments.tried)).size:
             add(behind)
