@@ -24,8 +24,8 @@ from renderer.estimate.moments import Moments
 from renderer.estimate.neighbours import box_sum, doubled, event_rate, halved
 
 GROWTH = 1.15  # of all replicates, per round
-EVEN = 0.95  # of the error of equal numbers: what the best numbers must leave for equal ones to be kept,
-EVEN_GROWTH = 1.5  # for a round of this growth
+EVEN = 0.95  # of the error of equal numbers: what the aimed ones must leave for equal ones to be kept,
+EVEN_GROWTH = 1.5  # for a round of this growth, which is the largest
 MAX_GROWTH = 2.0  # of one pixel's replicates, per round
 FLOOR_SHARE = 0.1  # of the replicates that go to all pixels alike
 EARLY_SHARE = 0.75  # of the mean count that every pixel has at least, until its interval can be trusted
@@ -38,17 +38,17 @@ GOLDEN = 0.6180339887498949
 STEPS, CLOSE = 60, 1e-9  # of the search for the level that a budget fills, and how near to the budget it comes
 
 
-def next_counts(moments: Moments, width: int, height: int, focus: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+def next_counts(
+    moments: Moments, width: int, height: int, focus: NDArray[np.bool_] | None = None, least: float = 0.0
+) -> NDArray[np.int64]:
     """(n,) replicates of each pixel at the end of the next round; in all, GROWTH times what there is.
 
-    focus: (n,) pixels whose error counts; the others get the floor alone. Where all pixels have the same number and
-    other ones would hardly do better, they go on so, for EVEN_GROWTH: planning is not free.
+    focus: (n,) pixels whose error counts; the others get the floor alone. least: replicates per pixel, in the mean, that
+    a round shall have, within EVEN_GROWTH: planning is not free. For the same reason equal counts stay equal, for a round
+    of EVEN_GROWTH, where those that would be aimed at would hardly do better.
     """
     wanting, certainty = _wanting(moments, width, height)
     wanting, cost = np.fmax(wanting, 0.0), _cost(moments, width, height)  # differences may round below zero
-    least_tried, most_tried = int(moments.tried.min()), int(moments.tried.max())
-    if focus is None and least_tried == most_tried and _is_even(wanting, cost):
-        return np.full_like(moments.tried, math.ceil(EVEN_GROWTH * most_tried))
     weight = np.sqrt(wanting / cost)
     if focus is not None:
         weight, certainty = np.where(focus, weight, 0.0), 1.0
@@ -57,9 +57,13 @@ def next_counts(moments: Moments, width: int, height: int, focus: NDArray[np.boo
     if np.isfinite(total) and total > 0:
         led = (1 - FLOOR_SHARE) * certainty
         share = (1 - led) / n + led * weight / total
-    mean = GROWTH * float(tried.mean())
-    least = min(MIN_REPLICATES, EARLY_SHARE * mean)
-    more = _poured(share, tried, least, max(1.0, (mean - float(tried.mean())) * n))
+    now = float(tried.mean())
+    is_level = int(moments.tried.min()) == int(moments.tried.max())
+    if focus is None and is_level and _is_even(share, wanting, cost):
+        return np.full_like(moments.tried, math.ceil(EVEN_GROWTH * now))
+    mean = min(max(GROWTH * now, now + least), EVEN_GROWTH * now)
+    everywhere = min(MIN_REPLICATES, EARLY_SHARE * mean)
+    more = _poured(share, tried, everywhere, max(1.0, (mean - now) * n))
     # Fractions are rounded up or down by a fixed pattern that differs from round to round.
     pattern = (np.arange(n) * GOLDEN + float(tried.sum()) * (GOLDEN / 7)) % 1.0
     whole = np.floor(more + pattern).astype(np.int64)
@@ -68,10 +72,10 @@ def next_counts(moments: Moments, width: int, height: int, focus: NDArray[np.boo
     return moments.tried + whole
 
 
-def _is_even(wanting: NDArray[np.float64], cost: NDArray[np.float64]) -> bool:
-    """Whether the best numbers of replicates leave nearly as much error, at equal cost, as equal ones."""
-    best, equal = float(np.sqrt(wanting * cost).mean()) ** 2, float(wanting.mean()) * float(cost.mean())
-    return best >= EVEN * equal
+def _is_even(share: NDArray[np.float64], wanting: NDArray[np.float64], cost: NDArray[np.float64]) -> bool:
+    """Whether numbers of replicates in proportion to `share` leave nearly as much error, at equal cost, as equal ones."""
+    aimed, equal = float((wanting / share).mean() * (share * cost).mean()), float(wanting.mean() * cost.mean())
+    return aimed >= EVEN * equal
 
 
 def _wanting(moments: Moments, width: int, height: int) -> tuple[NDArray[np.float64], float]:

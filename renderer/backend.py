@@ -25,7 +25,7 @@ from typing import Any
 from renderer.errors import BackendError
 
 OLDEST_LLVM = 17
-LANES_AT_ONCE = 128  # of a kernel, that one processor takes before others may help
+LANES_AT_ONCE = 64  # of a kernel, that one processor takes before others may help
 _SYSTEM_LLVM = (
     "/usr/lib/llvm-*/lib/libLLVM*.so*",
     "/usr/lib/*/libLLVM*.so*",

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MIN_SNAPSHOT_SECONDS, MAX_SNAPSHOT_SECONDS = 0.25, 0.35  # of rendering between two snapshots
 CURVE_GROWTH = 1.1
 SAMPLES_PER_SECOND = {False: 2e6, True: 1e7}  # that two processors render at least, by Scene.is_listed
+ROUND_SECONDS = 3e-5  # per pixel: what a round shall take; planning it takes a twentieth
 SNAPSHOT_SHARE = 0.1  # of the render time that making snapshots may take,
 MAX_SNAPSHOT_SHARE = 0.3  # or this much where a viewer would otherwise wait for longer than a moment
 
@@ -144,6 +145,9 @@ class _Render:
         self.size = settings.replicate_size or 1
         self.n = scene.width * scene.height
         self.kernel = scene.kernel(settings)
+        # Where no target is looked at, rounds need not be shorter than their planning is worth.
+        pace = SAMPLES_PER_SECOND[scene.is_listed] / self.size
+        self.least = ROUND_SECONDS * pace if target.error is None else 0.0
         self.moments = start.moments.copy() if start else Moments.empty(self.n)
         self.planned = start.planned if start else None
         self.unseen = scene.cannot_see(settings)
@@ -222,7 +226,7 @@ class _Render:
         if not self.settings.adaptive or int(tried.min()) < plan.ADAPTIVE_FROM:
             return self._level_round(self.wanted)
         if self._is_round_over():
-            self.planned = allocation.next_counts(self.moments, s.width, s.height, self.scope)
+            self.planned = allocation.next_counts(self.moments, s.width, s.height, self.scope, self.least)
         assert self.planned is not None
         if (level := int(self.planned.min())) == int(self.planned.max()) and int(tried.max()) <= level:
             return self._level_round(level if self.wanted is None else min(level, self.wanted))

@@ -22,7 +22,10 @@ SHARED = (
     *("shared/veach-mis", "shared/veach-bidir", "shared/matpreview", "shared/thinlens", "shared/colour-cornell"),
     *("shared/room-manylights", "shared/cbox-glass-mirror", "shared/cornell-box"),
 )
-STOPPING = ("cornell-box", "materials", "plates", "shared/matpreview", "shared/thinlens", "shared/colour-cornell")
+STOPPING = (
+    *("cornell-box", "materials", "plates", "shared/matpreview", "shared/thinlens", "shared/colour-cornell"),
+    *("shared/cornell-box", "shared/room-manylights"),
+)
 TARGETS = (0.10, 0.05, 0.02)
 MORE_ADAPTIVE = ("shared/caustic-ring", "shared/pool", "shared/veach-ajar")
 OUT = Console(width=150)

@@ -31,6 +31,9 @@ def test_a_round_adds_its_share_and_takes_nothing_away(seed: int, n: int, scale:
     spread = scale * np.random.default_rng(seed).lognormal(0, 1.5, N)
     moments = moments_of(spread, n, seed)
     more = next_counts(moments, WIDTH, HEIGHT) - moments.tried
+    if len(set(more)) == 1 and n > 1:  # nothing to be gained
+        assert more[0] == np.ceil(EVEN_GROWTH * n) - n
+        return
     assert (more >= 0).all()
     assert (more <= np.ceil((MAX_GROWTH - 1) * moments.tried)).all()
     assert more.sum() == pytest.approx((GROWTH - 1) * n * N, rel=0.1, abs=N / 20)
@@ -138,3 +141,10 @@ def test_equal_counts_stay_equal_where_others_would_hardly_do_better() -> None:
     assert set(counts) == {int(np.ceil(EVEN_GROWTH * 16))}
     is_dull = np.arange(N) % WIDTH < WIDTH // 2
     assert len(set(next_counts(moments_of(np.where(is_dull, 0.1, 0.5), 16), WIDTH, HEIGHT))) > 1
+
+
+def test_a_round_has_the_least_that_is_asked_for_within_a_limit() -> None:
+    is_dull = np.arange(N) % WIDTH < WIDTH // 2
+    moments = moments_of(np.where(is_dull, 0.1, 0.5), 16)
+    for least, expected in ((0.0, GROWTH * 16), (5.0, 21.0), (100.0, EVEN_GROWTH * 16)):
+        assert next_counts(moments, WIDTH, HEIGHT, least=least).mean() == pytest.approx(expected, rel=0.01)
