@@ -43,9 +43,9 @@ def next_counts(
 ) -> NDArray[np.int64]:
     """(n,) replicates of each pixel at the end of the next round; in all, GROWTH times what there is.
 
-    focus: (n,) pixels whose error counts; the others get the floor alone. least: replicates per pixel, in the mean, that
-    a round shall have, within EVEN_GROWTH: planning is not free. For the same reason equal counts stay equal, for a round
-    of EVEN_GROWTH, where those that would be aimed at would hardly do better.
+    focus: (n,) pixels whose error counts; the others get the floor alone. least: replicates per pixel, in the mean,
+    that a round shall have, within EVEN_GROWTH: planning is not free. For the same reason equal counts stay equal, for
+    a round of EVEN_GROWTH, where those that would be aimed at would hardly do better.
     """
     wanting, certainty = _wanting(moments, width, height)
     wanting, cost = np.fmax(wanting, 0.0), _cost(moments, width, height)  # differences may round below zero
@@ -73,7 +73,7 @@ def next_counts(
 
 
 def _is_even(share: NDArray[np.float64], wanting: NDArray[np.float64], cost: NDArray[np.float64]) -> bool:
-    """Whether numbers of replicates in proportion to `share` leave nearly as much error, at equal cost, as equal ones."""
+    """Whether replicates in proportion to `share` leave nearly as much error, at equal cost, as equal numbers."""
     aimed, equal = float((wanting / share).mean() * (share * cost).mean()), float(wanting.mean() * cost.mean())
     return aimed >= EVEN * equal
 

@@ -71,11 +71,11 @@ def test_of_equally_noisy_pixels_the_cheaper_ones_get_more() -> None:
     )
 
 
-def grown(spread: NDArray, rounds: int, **more: NDArray) -> Moments:
+def grown(spread: NDArray, rounds: int, focus: NDArray | None = None) -> Moments:
     """Rounds of adaptive sampling."""
     rng, moments = np.random.default_rng(3), moments_of(spread, 4)
     for _ in range(rounds):
-        wanted = next_counts(moments, WIDTH, HEIGHT, **more)
+        wanted = next_counts(moments, WIDTH, HEIGHT, focus)
         while (behind := np.flatnonzero(wanted > moments.tried)).size:
             value = 1 + spread[behind] * rng.uniform(-1.7, 1.7, len(behind))
             moments.add(behind, np.repeat(value[:, None], 3, axis=1), np.zeros(len(behind), np.uint32), 4)
