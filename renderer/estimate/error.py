@@ -7,7 +7,8 @@ measure against a reference, for tests and benchmarks.
 
 `upper` is the upper confidence bound of the true error. It differs from `error` in three ways:
 - A pixel that found one bright value early has a large mean for the same reason as a large variance, and their ratio
-  hides it. The more its variance is that of one value, the more its mean is taken from its neighbours.
+  hides it. The more its variance is that of one value, and the fewer its replicates, the more its mean is taken from
+  its neighbours.
 - The mean over pixels is one of finitely many independent terms, and the truth is another: both spread. A term that is
   estimated from n replicates of skewness γ has the relative variance 2/(n − 1) + 3γ²/n of an estimated variance (its
   kurtosis taken as that of a gamma distribution, 1.5 γ²), and the true squared error spreads by 2 + 3γ²/n around it.
@@ -32,6 +33,7 @@ CONFIDENCE = 0.95
 LOOKS = 2.0  # the chance of a false stop is shared among this many looks that differ
 WINDOW = 7
 SINGLE = 2.0  # a share of 1/SINGLE of the variance in one value is taken as all of it
+FEW = 4.0  # replicates, of which a pixel's mean is doubted in any case; of n it is by FEW/n
 MOST_DOUBT = 8.0  # times what the pixel says itself: the edge of a light is no rare value
 
 
@@ -134,7 +136,7 @@ def _careful(moments: Moments, width: int, floor: float) -> tuple[NDArray[np.flo
     the variance, γ²/n (0 … 1)."""
     shape = (len(moments.count) // width, width)
     single = np.minimum(moments.skewness() ** 2 / np.maximum(moments.count, 1), 1.0)
-    doubt = np.minimum(SINGLE * single, 1.0)
+    doubt = np.minimum(np.maximum(SINGLE * single, FEW / np.maximum(moments.count, 1)), 1.0)
     others = np.maximum(pixels_within(shape, WINDOW) - 1.0, 1.0).ravel()
     result = np.zeros(len(single))
     variance = moments.variance_of_mean()
