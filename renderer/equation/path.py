@@ -43,6 +43,7 @@ PER_VERTEX = 3
 EMITTER, BSDF_DIRECTION, LOBE_AND_ROULETTE = 0, 1, 2
 
 NO_LIMIT = 0xFFFFFFFF
+RECORDINGS = 4  # kept by a kernel
 Sizes = tuple[Any, ...]  # width, height, replicate size, depth limit, roulette depth
 
 
@@ -111,8 +112,13 @@ class PathKernel:
         # Traced once and replayed: tracing a pass anew takes as long as rendering a small one.
         ours = self.camera, self.filter, self.directions, self.emitters, self.rays
         state = (scene, sensor, arrays_in(*ours))
-        # Dr.Jit's calls reach the plugins of all scenes of the process.
-        self._replayed: Any = dr.freeze(self._run, state_fn=lambda *_: (state, loaded_scenes(self.variant)))
+        # Dr.Jit's calls reach the plugins of all scenes of the process: another scene is another recording.
+        self._replayed: Any = dr.freeze(
+            self._run,
+            state_fn=lambda *_: (state, loaded_scenes(self.variant)),
+            limit=RECORDINGS,
+            warn_after=2**31 - 1,
+        )
 
     def with_replicates_of(self, size: int) -> PathKernel:
         """This kernel for replicates of another size: nothing is traced or compiled anew."""
