@@ -83,7 +83,7 @@ def test_adaptive_sampling_keeps_the_energy_in_many_runs(
 def test_counts_that_follow_a_pixels_own_values_are_caught(
     scene: Scene, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def greedy(moments: Moments, width: int, height: int, focus: object = None) -> NDArray[np.int64]:
+    def greedy(moments: Moments, width: int, height: int, *rest: object) -> NDArray[np.int64]:
         own = moments.variance()[:, 3]
         return moments.tried + np.where(own >= np.quantile(own, 0.8), 4, 0)
 
