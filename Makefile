@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PORT ?= 8017
 HOST ?= 127.0.0.1
 # A fixed file instead of the newest releases: the two commands stay repeatable.
-LOCK := requirements.lock
+LOCK := docker/requirements.lock
 
 .PHONY: run test check bench load test-long test-oracle extremes fuzz coverage page thumbnails lock clean help
 
@@ -43,7 +43,7 @@ check: page ## Formatting, lint, types, page checks
 	$(BIN)/python hatch_build.py --check
 
 coverage: $(VENV)/.ready ## What error bars, stop rule and adaptive sampling are worth, measured (half an hour)
-	$(BIN)/python -m tests.coverage_study | tee tests/coverage_study/result.txt
+	mkdir -p tests/output && $(BIN)/python -m tests.coverage_study | tee tests/output/coverage.txt
 
 bench: $(VENV)/.ready ## Speed and error at equal time against Mitsuba's path, as ratios within one run
 	$(BIN)/python -m tests.benchmarks

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 MIN_SNAPSHOT_SECONDS, MAX_SNAPSHOT_SECONDS = 0.25, 0.35  # of rendering between two snapshots
 CURVE_GROWTH = 1.1
 SAMPLES_PER_SECOND = {False: 2e6, True: 1e7}  # that two processors render at least, by Scene.is_listed
-ROUND_SECONDS = 3e-5  # per pixel: what a round shall take; planning it takes a twentieth
+ROUND_SECONDS = 3e-5  # per pixel, that a round shall take; its planning and adding take some 7e-7
 SNAPSHOT_SHARE = 0.1  # of the render time that making snapshots may take,
 MAX_SNAPSHOT_SHARE = 0.3  # or this much where a viewer would otherwise wait for longer than a moment
 

@@ -125,7 +125,6 @@ class PathKernel:
         other = copy.copy(self)
         other.model = replace(self.model, replicate_size=size)
         other.sizes = (*self.sizes[:2], dr.opaque(mi.UInt32, size), *self.sizes[3:])
-        note_loaded(other)
         return other
 
     def launch(self, pixels: Any, replicates: Any, seed: int) -> tuple[Any, Any, Any]:

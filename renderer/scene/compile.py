@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from renderer.backend import using, variant_for
+from renderer.equation.loaded import note_loaded
 from renderer.scene import rewrite
 from renderer.scene.limits import SceneLimits
 from renderer.scene.numerics import THIN_GAP_LISTED
@@ -54,8 +55,6 @@ class Scene:
     _kernels: dict[Any, PathKernel] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        from renderer.equation.loaded import note_loaded
-
         note_loaded(self)
 
     @property
@@ -129,16 +128,12 @@ class Scene:
         """The kernel of a model. Kernels that differ by the size of replicates alone are one."""
         from renderer.equation.path import PathKernel
 
-        if model not in self._kernels:
-            like = next(
-                (k for m, k in self._kernels.items() if m == replace(model, replicate_size=m.replicate_size)), None
-            )
-            with using(self.variant):
-                self._kernels[model] = (
-                    like.with_replicates_of(model.replicate_size)
-                    if like is not None
-                    else PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), model)
-                )
+        base = replace(model, replicate_size=1)
+        with using(self.variant):
+            if base not in self._kernels:
+                self._kernels[base] = PathKernel(self.mitsuba_scene, self._camera(), (self.width, self.height), base)
+            if model not in self._kernels:
+                self._kernels[model] = self._kernels[base].with_replicates_of(model.replicate_size)
         return self._kernels[model]
 
     def channels(self, settings: Settings, names: tuple[str, ...]) -> dict[str, NDArray[np.float32]]:
