@@ -148,3 +148,12 @@ def test_a_round_has_the_least_that_is_asked_for_within_a_limit() -> None:
     moments = moments_of(np.where(is_dull, 0.1, 0.5), 16)
     for least, expected in ((0.0, GROWTH * 16), (5.0, 21.0), (100.0, EVEN_GROWTH * 16)):
         assert next_counts(moments, WIDTH, HEIGHT, least=least).mean() == pytest.approx(expected, rel=0.01)
+
+
+def test_a_few_flashes_anywhere_draw_no_samples() -> None:
+    """Light that is as rare everywhere: where the first flashes were seen says nothing about the next ones."""
+    rng, moments, probability = np.random.default_rng(2), Moments.empty(N), 3e-4
+    for _ in range(64):
+        value = 1 + (rng.random(N) < probability) / probability
+        moments.add(slice(None), np.repeat(value[:, None], 3, axis=1), np.zeros(N, np.uint32), 4)
+    assert len(set(next_counts(moments, WIDTH, HEIGHT))) == 1

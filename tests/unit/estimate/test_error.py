@@ -130,3 +130,16 @@ def test_rel_mse_is_its_formula_and_scale_free() -> None:
     assert rel_mse(image, reference) == pytest.approx(expected, rel=1e-12)
     assert rel_mse(1e6 * image, 1e6 * reference) == pytest.approx(expected, rel=1e-9)
     assert rel_mse(image.astype(np.float32), reference) == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_bound_holds_for_few_replicates_of_skewed_noise() -> None:
+    """A pixel whose few replicates were all dark claims a small variance, one with a bright one a large mean."""
+    width, n_replicates, runs = 40, 5, 40
+    is_below = []
+    for seed in range(runs):
+        grey = np.random.default_rng(seed).gamma(0.5, 2.0, (n_replicates, width * width, 1))
+        moments = moments_of(np.repeat(grey, 3, axis=2))
+        upper = image_error(moments, width, 0.1).upper
+        assert upper is not None
+        is_below.append(rel_mse(moments.mean, np.ones_like(moments.mean)) <= upper**2)
+    assert sum(is_below) >= 0.95 * runs
