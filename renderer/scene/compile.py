@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from renderer.backend import using, variant_for
-from renderer.equation.loaded import note_loaded
 from renderer.scene import rewrite
 from renderer.scene.limits import SceneLimits
 from renderer.scene.numerics import THIN_GAP_LISTED
@@ -55,6 +54,8 @@ class Scene:
     _kernels: dict[Any, PathKernel] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
+        from renderer.equation.loaded import note_loaded  # not above: what lists the gallery needs no Mitsuba
+
         note_loaded(self)
 
     @property
