@@ -12,6 +12,7 @@ are reached, so a render that was stopped in the middle of a round goes on with 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -26,6 +27,7 @@ PASS_SECONDS = 0.2  # aimed at: how long a stop, a pause or another job waits
 MIN_REPLICATES_TO_STOP = 4  # before an error target can be believed
 CHECKPOINT_GROWTH = 1.15
 ADAPTIVE_FROM = 4  # replicates of every pixel
+MOST_TOGETHER = 16  # replicates of a pixel: that many fill a processor's vector
 TILE = 4  # pixels on a side
 KEPT_VISITS = 2**22  # pixels of an image whose order is kept from pass to pass
 
@@ -74,25 +76,32 @@ def next_round(
     replicates_wanted: int | None,
     pass_samples: Callable[[], int] = lambda: 2**20,
     is_checked: bool = True,
+    samples_left: float = math.inf,
 ) -> Iterator[Pass]:
     """The passes of the next round.
 
     tried: (n,) replicates rendered so far. replicates_wanted: never go beyond this. pass_samples: asked each time.
-    is_checked: whether a target is looked at on the way, at checkpoints.
+    is_checked: whether a target is looked at on the way, at checkpoints. samples_left: that may be rendered before all
+    is over, about: then a round is kept so short that all pixels have their share.
     """
     low = int(tried.min())
     n = width * height
     if low == 0:
         yield from _first_round(tried, width, height, replicate_size, replicates_wanted, pass_samples)
         return
-    lanes = max(1, pass_samples() // replicate_size)
     order = _visits(width, height)
     behind = order[tried[order] == low]
-    # Small images take several replicates in one pass, as long as no checkpoint is skipped that matters.
-    n_replicates = 1
-    if len(behind) == n:
-        ahead = next_checkpoint(low) - low if is_checked or low < ADAPTIVE_FROM else low
-        n_replicates = max(1, min(lanes // n, ahead))
+    # A pixel's replicates run together, for their paths are alike: several in one pass, as long as no checkpoint is
+    # skipped that matters, as many as the image has room for, or more in one part of it after the other.
+    room = max(1, pass_samples() // (replicate_size * n))
+    if len(behind) < n:
+        n_replicates = int(tried[tried > low].min()) - low
+    elif low < ADAPTIVE_FROM:
+        n_replicates = min(room if is_checked else ADAPTIVE_FROM, next_checkpoint(low) - low)
+    else:
+        n_replicates = next_checkpoint(low) - low if is_checked else max(min(room, low), low // 2)
+    n_replicates = min(n_replicates, max(room, MOST_TOGETHER))
+    n_replicates = int(max(1, min(n_replicates, samples_left / (replicate_size * n))))
     if replicates_wanted is not None:
         n_replicates = max(1, min(n_replicates, replicates_wanted - low))
     start = 0

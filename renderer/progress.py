@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -236,7 +237,7 @@ class _Render:
     def _level_round(self, most: int | None) -> Iterator[plan.Pass]:
         s, is_checked = self.scene, self.target.error is not None
         shape = s.width, s.height, self.size
-        return plan.next_round(self.moments.tried, *shape, most, self._pass_samples, is_checked)
+        return plan.next_round(self.moments.tried, *shape, most, self._pass_samples, is_checked, self._samples_left())
 
     def _is_round_over(self) -> bool:
         return self.planned is None or bool((self.moments.tried >= self.planned).all())
@@ -272,6 +273,10 @@ class _Render:
             self.moments.add(where, radiance[lanes], invalid[lanes], self.size, segments[lanes])
         if launched is self.in_flight:
             self.in_flight = None
+
+    def _samples_left(self) -> float:
+        """That the target's time leaves, about."""
+        return math.inf if self.target.seconds is None else self.speed * max(0.0, self.target.seconds - self.seconds)
 
     def _pass_samples(self) -> int:
         return plan.pass_samples_for(self.speed)

@@ -3,8 +3,8 @@
 Enters: the scene's emitters. Leaves: a direction sample with its solid-angle pdf and the weight radiance/pdf, and the
 same pdf for a light that was hit by chance. Lights are chosen by their power, mixed with a uniform choice so that a dim
 light close by is never starved; lights at infinity each get a fixed share. Where there are many, what they give is
-surveyed first, and the choice depends on the place. Lights of even radiance on plates and balls are sampled by
-`even_lights.py`, all others by their plugins.
+surveyed first, and the choice depends on the place. An environment map is many lights: patches of sky. It is sampled by
+`environment_map.py`, lights of even radiance on plates and balls by `even_lights.py`, all others by their plugins.
 Source: pbrt-v4, section 12.6.
 """
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
 from renderer.equation.collimated import CollimatedLights, is_collimated
+from renderer.equation.environment_map import ENVIRONMENT_MAP, EnvironmentMap, Spot
 from renderer.equation.even_lights import EvenLights
 from renderer.equation.light_choice import LightChoice
 from renderer.equation.light_survey import survey
@@ -30,6 +31,9 @@ UNIFORM_SHARE = 0.2  # of the choice among finite lights
 # fireflies, and halving the chance of the others costs next to nothing.
 FEW_LIGHTS, UNIFORM_SHARE_OF_FEW = 8, 0.5
 POWER_SAMPLES, MOST_POWER_SAMPLES = 1024, 2**20  # rays of one emitter, and of all
+# Share of a sky's samples that find it, from which no place is asked: that takes a tenth of the time, and a whole map
+# is stratified better than its patches.
+MOSTLY_VISIBLE = 0.7
 # Shapes whose surface Mitsuba cannot sample: light on them is found by direction sampling alone.
 _UNSAMPLEABLE = ("SDFGrid", "BSplineCurve", "LinearCurve", "Ellipsoids", "EllipsoidsMesh")
 
@@ -37,14 +41,13 @@ _UNSAMPLEABLE = ("SDFGrid", "BSplineCurve", "LinearCurve", "Ellipsoids", "Ellips
 class EmitterSampler:
     """Samples the emitters of one scene. `is_empty` where there is nothing to sample.
 
+    What is chosen among are the patches of an environment map, if there is one, and then all other emitters.
     sensor: where paths begin, for a survey of what many lights give; without it they are chosen by their power.
+    is_helped: whether direction sampling finds the same lights, weighted: the sampler need not find all of them.
     """
 
-    def __init__(self, scene: Any, sensor: Any = None) -> None:
+    def __init__(self, scene: Any, sensor: Any = None, is_helped: bool = False) -> None:
         emitters = [e for e in scene.emitters() if is_sampleable(e)]
-        self.is_empty = not emitters
-        if self.is_empty:
-            return
         weights = choice_probabilities(emitters)
         emitters = [e for e, w in zip(emitters, weights, strict=True) if w > 0]
         weights = weights[weights > 0]
@@ -55,20 +58,37 @@ class EmitterSampler:
         self.only = emitters[0] if len(emitters) == 1 else None
         near = _side_by_side(emitters)
         emitters, weights = [emitters[i] for i in near], weights[near]
-        # Tables by registry id: what is known of an emitter once a ray has hit it.
-        ids = np.array([registry_id(e) for e in emitters], np.uint32)
-        self.pointers: Any = dr.reinterpret_array(mi.EmitterPtr, table(ids, mi.UInt32))
-        by_id = np.full(int(ids.max()) + 1, len(emitters), np.uint32)
-        by_id[ids] = np.arange(len(emitters))
+        self.map = EnvironmentMap.of(scene, emitters, is_helped)
+        first = None if self.map is None else [e.class_name() == ENVIRONMENT_MAP for e in emitters].index(True)
+        if first is not None:
+            sky = emitters.pop(first)
+            self.sky: Any = dr.reinterpret_array(mi.EmitterPtr, table([registry_id(sky)], mi.UInt32))
         self.n_emitters = len(emitters)
-        self.index_by_id = mi.UInt32(by_id)
-        self.even = EvenLights(scene, emitters)
-        self.collimated = CollimatedLights(emitters, ids)
-        self.choice = LightChoice(weights) if self.only is None else None
-        if self.choice is not None and sensor is not None and len(emitters) > FEW_LIGHTS:
+        if emitters:
+            # Tables by registry id: what is known of an emitter once a ray has hit it.
+            ids = np.array([registry_id(e) for e in emitters], np.uint32)
+            self.pointers: Any = dr.reinterpret_array(mi.EmitterPtr, table(ids, mi.UInt32))
+            by_id = np.full(int(ids.max()) + 1, len(emitters), np.uint32)
+            by_id[ids] = np.arange(len(emitters))
+            self.index_by_id = mi.UInt32(by_id)
+            self.even = EvenLights(scene, emitters)
+            self.collimated = CollimatedLights(emitters, ids)
+        self._set_choice(weights, first)
+        has_many = self.n_emitters > FEW_LIGHTS
+        if sensor is not None and self.choice is not None and (has_many or self.map is not None):
             seen = survey(scene, sensor, self._sample_entry, self.choice.n_entries)
-            if seen is not None:
+            if seen is not None and (has_many or self.choice.visible_share(seen) < MOSTLY_VISIBLE):
                 self.choice.learn(seen)
+        if self.map is not None and not self.knows_places:
+            self.map = self.map.undivided()
+            self._set_choice(weights, first)
+
+    def _set_choice(self, weights: NDArray[np.float64], first: int | None) -> None:
+        """Among patches of the environment map, whose weight is number `first`, and all other emitters."""
+        if self.map is not None and first is not None:
+            weights = np.concatenate([weights[first] * self.map.shares, np.delete(weights, first)])
+        self.n_patches = 0 if self.map is None else self.map.n_patches
+        self.choice = LightChoice(weights) if len(weights) > 1 else None
 
     @property
     def knows_places(self) -> bool:
@@ -97,6 +117,21 @@ class EmitterSampler:
         return ds, weight / share
 
     def _sample_one(self, ref: Any, index: Any, u: Any, active: Any) -> tuple[Any, Any]:
+        if self.map is None:
+            return self._sample_other(ref, index, u, active)
+        if self.n_emitters == 0:
+            return self.map.sample(ref, index, self.sky, u, active)
+        is_patch = index < self.n_patches
+        other = dr.select(is_patch, 0, index - self.n_patches)
+        ds, weight = self._sample_other(ref, other, u, active & ~is_patch)
+        ds_sky, weight_sky = self.map.sample(ref, dr.select(is_patch, index, 0), self.sky, u, active & is_patch)
+        _take(ds, ds_sky, is_patch)
+        ds.emitter = dr.select(is_patch, self.sky, ds.emitter)
+        ds.delta = ~is_patch & ds.delta
+        return ds, dr.select(is_patch, weight_sky, weight)
+
+    def _sample_other(self, ref: Any, index: Any, u: Any, active: Any) -> tuple[Any, Any]:
+        """Of the emitters that are no environment map."""
         if self.only is not None:
             emitter = mi.EmitterPtr(self.only)
         else:
@@ -107,30 +142,54 @@ class EmitterSampler:
         ds, weight = self._asked(emitter).sample_direction(ref, u, active & ~is_even)
         if not self.even.is_empty:
             ds_even, weight_even = self.even.sample(ref, index, emitter, u, is_even)
-            for name in ("p", "n", "d", "dist", "pdf"):
-                setattr(ds, name, dr.select(is_even, getattr(ds_even, name), getattr(ds, name)))
+            _take(ds, ds_even, is_even)
             ds.emitter, ds.delta = emitter, ~is_even & ds.delta
             weight = dr.select(is_even, weight_even, weight)
         if not self.collimated.is_empty:
             ds, weight = self.collimated.sample(ref, emitter, ds, weight, active)
         return ds, weight
 
-    def pdf(self, ref: Any, ds: Any, active: Any, place: Any = 0) -> Any:
+    def spot(self, direction: Any, emitter: Any, active: Any) -> Spot | None:
+        """What a ray that left the scene sees of its environment map, for `emission` and `pdf`; None without one."""
+        return None if self.is_empty or self.map is None else self.map.spot(direction, active & self._is_sky(emitter))
+
+    def pdf(self, ref: Any, ds: Any, active: Any, place: Any = 0, spot: Spot | None = None) -> Any:
         """Solid-angle density with which `sample` finds the hit `ds`."""
         index, is_known = self._index(ds.emitter, active)
-        pmf = mi.Float(1) if self.choice is None else self.choice.pmf(mi.UInt32(place), index, is_known)
-        if self.even.knows_all:
-            pdf = self.even.pdf(ref, ds, index, is_known)
-        else:
-            is_even = self.even.is_known(index, is_known)
-            pdf = self._asked(ds.emitter).pdf_direction(ref, ds, is_known & ~is_even)
-            if not self.even.is_empty:
-                pdf = dr.select(is_even, self.even.pdf(ref, ds, index, is_even), pdf)
-        return dr.select(is_known, pdf * pmf, 0)
+        is_sky = mi.Bool(False)
+        spot = self.spot(ds.d, ds.emitter, active) if spot is None else spot
+        if spot is not None:
+            is_sky = active & self._is_sky(ds.emitter)
+            index = dr.select(is_sky, spot.patch, index + self.n_patches)
+        is_listed = is_known | is_sky
+        pmf = mi.Float(1) if self.choice is None else self.choice.pmf(mi.UInt32(place), index, is_listed)
+        pdf = mi.Float(0) if self.n_emitters == 0 else self._pdf_of_other(ref, ds, index - self.n_patches, is_known)
+        if spot is not None:
+            pdf = dr.select(is_sky, spot.density, pdf)
+        return dr.select(is_listed, pdf * pmf, 0)
 
-    def emission(self, si: Any, emitter: Any, active: Any) -> Any:
+    def _pdf_of_other(self, ref: Any, ds: Any, index: Any, active: Any) -> Any:
+        if self.even.knows_all:
+            return self.even.pdf(ref, ds, index, active)
+        is_even = self.even.is_known(index, active)
+        pdf = self._asked(ds.emitter).pdf_direction(ref, ds, active & ~is_even)
+        if not self.even.is_empty:
+            pdf = dr.select(is_even, self.even.pdf(ref, ds, index, is_even), pdf)
+        return pdf
+
+    def emission(self, si: Any, emitter: Any, active: Any, spot: Spot | None = None) -> Any:
         """Radiance of a light that a ray hit, back along the ray."""
-        if self.is_empty:
+        spot = self.spot(-si.wi, emitter, active) if spot is None else spot
+        if spot is None:
+            return self._emission_of_other(si, emitter, active)
+        is_sky = active & self._is_sky(emitter)
+        radiance = dr.select(is_sky, spot.radiance, 0)
+        if self.n_emitters == 0 and self.samples_all:
+            return radiance
+        return dr.select(is_sky, radiance, self._emission_of_other(si, emitter, active & ~is_sky))
+
+    def _emission_of_other(self, si: Any, emitter: Any, active: Any) -> Any:
+        if self.is_empty or self.n_emitters == 0:
             return emitter.eval(si, active)
         asked = self._asked(emitter) if self.samples_all else emitter
         if self.even.is_empty or mi.is_spectral:
@@ -148,8 +207,14 @@ class EmitterSampler:
         that could be any emitter's."""
         return emitter if self.even.other is None else self.even.other
 
+    def _is_sky(self, emitter: Any) -> Any:
+        """Whether an emitter that a ray has met is the environment map."""
+        return mi.Bool(True) if self.n_emitters == 0 and self.samples_all else emitter == self.sky
+
     def _index(self, emitter: Any, active: Any) -> tuple[Any, Any]:
-        """The index of an emitter, and whether it is one of those that are sampled."""
+        """The index of an emitter, and whether it is one of those that are sampled; environment maps have none."""
+        if self.n_emitters == 0:
+            return mi.UInt32(0), mi.Bool(False)
         if self.only is not None:
             return mi.UInt32(0), active if self.samples_all else active & (emitter == mi.EmitterPtr(self.only))
         index = dr.gather(mi.UInt32, self.index_by_id, self._id(emitter), active)
@@ -160,6 +225,12 @@ class EmitterSampler:
         found: Any = dr.reinterpret_array(mi.UInt32, emitter)
         known: Any = found < dr.width(self.index_by_id)
         return dr.select(known, found, 0)
+
+
+def _take(ds: Any, other: Any, where: Any) -> None:
+    """Fills in a direction sample from another one."""
+    for name in ("p", "n", "d", "dist", "pdf"):
+        setattr(ds, name, dr.select(where, getattr(other, name), getattr(ds, name)))
 
 
 def choice_probabilities(emitters: list[Any]) -> NDArray[np.float64]:

@@ -21,6 +21,7 @@ from renderer.equation.tables import table
 mi: Any = mitsuba()
 
 MOST_ENTRIES = 512
+FEATURE_BITS = 7  # of a node: the last ones of its threshold
 
 
 class LightChoice:
@@ -47,6 +48,12 @@ class LightChoice:
         self.depth = 0
         self._sums = table(light_table.cumulative(self.blind[None]).ravel(), mi.Float)
 
+    def visible_share(self, seen: Seen) -> float:
+        """How much of the choice falls on lights that give anything, at the median of the points that are lit."""
+        gives = seen.given > 0
+        lit = gives.any(axis=1)
+        return float(np.median(gives[lit] @ self.blind)) if lit.any() else 1.0
+
     def learn(self, seen: Seen) -> None:
         """From here on, chooses by the place."""
         squares = light_table.relative_squares(seen.given)
@@ -55,7 +62,7 @@ class LightChoice:
         self.depth = seen.depth
         self.centre = mi.Point3f(*(dr.opaque(mi.Float, x) for x in seen.centre))
         self.size = dr.opaque(mi.Float, seen.size)
-        self._nodes = table(nodes.ravel(), mi.Float)
+        self._nodes = table(_packed(nodes), mi.UInt32)
         self._sums = table(light_table.cumulative(rows).ravel(), mi.Float)
 
     def place(self, p: Any, n: Any, active: Any) -> Any:
@@ -66,11 +73,13 @@ class LightChoice:
         values = (at.x, at.y, at.z, n.x, n.y, n.z)
         node = mi.UInt32(0)
         for _ in range(self.depth):
-            split = dr.gather(mi.Vector2f, self._nodes, node, active)
+            split = dr.gather(mi.UInt32, self._nodes, node, active)
+            feature = split & FEATURE_BITS
             value = values[0]
             for i in range(1, light_table.FEATURES):
-                value = dr.select(split.x == i, values[i], value)
-            node = 2 * node + dr.select(value <= split.y, mi.UInt32(1), 2)
+                value = dr.select(feature == i, values[i], value)
+            threshold: Any = dr.reinterpret_array(mi.Float, split)
+            node = 2 * node + dr.select(value <= threshold, mi.UInt32(1), 2)
         return node - (2**self.depth - 1)
 
     def sample(self, place: Any, u: Any, active: Any) -> tuple[Any, Any, Any]:
@@ -107,6 +116,12 @@ class LightChoice:
         at = place * (self.n_entries + 1) + entry
         pmf = dr.gather(mi.Float, self._sums, at + 1, active) - dr.gather(mi.Float, self._sums, at, active)
         return pmf * dr.gather(mi.Float, self._within, index, active) if self.is_shared else pmf
+
+
+def _packed(nodes: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """(n, 2) features and thresholds in one number each: reading one costs as much as all the rest of a step."""
+    thresholds = np.ascontiguousarray(nodes[:, 1]).view(np.uint32)
+    return (thresholds & ~np.uint32(FEATURE_BITS)) | nodes[:, 0].astype(np.uint32)
 
 
 def _fresh(u: Any, low: Any, share: Any) -> Any:

@@ -100,7 +100,7 @@ class PathKernel:
         self.directions = Directions(model.technique, model.splits_lobes, matte)
         self.rays = TreeRays(scene) if model.has_tree else ListRays(scene, listed(scene), model.needs_uv)
         surveys = model.samples_emitters and model.surveys_lights
-        self.emitters = EmitterSampler(scene, sensor if surveys else None)
+        self.emitters = EmitterSampler(scene, sensor if surveys else None, is_helped=model.technique == "mis")
         self.samples_emitters = model.samples_emitters and not self.emitters.is_empty
         # Sensors take positions relative to the crop window, of which `size` is the number of pixels.
         # Opaque, so that one compiled kernel serves all sizes and depths.
@@ -230,6 +230,7 @@ class PathKernel:
                     sees_emitter &= depth != 0
                 # The camera's rays and those of mirrors could not have been found from the light's side.
                 is_alone = prev_delta if dr.hint(self.model.has_delta, mode="scalar") else depth == 0
+                spot = self.emitters.spot(ray.d, emitter, sees_emitter)
                 weight_hit = mi.Float(1)
                 if dr.hint(self.samples_emitters, mode="scalar"):
                     if dr.hint(self.model.technique == "emitter", mode="scalar"):
@@ -240,9 +241,9 @@ class PathKernel:
                         ref.time = time
                         ds_hit = mi.DirectionSample3f(self.mitsuba_scene, si, ref)
                         ds_hit.emitter = emitter
-                        pdf_em = self.emitters.pdf(ref, ds_hit, sees_emitter & ~is_alone, prev_place)
+                        pdf_em = self.emitters.pdf(ref, ds_hit, sees_emitter & ~is_alone, prev_place, spot)
                         weight_hit = dr.select(is_alone, 1, power_heuristic(prev_pdf, pdf_em))
-                emission = self.emitters.emission(si, emitter, sees_emitter)
+                emission = self.emitters.emission(si, emitter, sees_emitter, spot)
                 radiance[sees_emitter] = radiance + throughput * weight_hit * emission
 
             # ------------------------------ Go on? ------------------------------

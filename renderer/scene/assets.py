@@ -21,6 +21,7 @@ from renderer.scene.vet.nodes import value_of
 
 MESHES = ("ply", "obj", "serialized")
 PICTURES = ("bitmap", "envmap")
+SKY_BYTES = 24  # per pixel of an environment map, of the tables that it is sampled by
 GRIDS = ("gridvolume", "sdfgrid")
 # Measured on Mitsuba 3.9 with Embree: faces and ray-casting structure; positions, normals and texture coordinates.
 TRIANGLE_BYTES, VERTEX_BYTES = 110, 32
@@ -101,6 +102,7 @@ def look(
                 if key not in seen:
                     texture_pixels += pixels
                 memory += pixels * picture.channels * max(2, picture.value_bytes)  # Mitsuba reads it for each node
+                memory += pixels * SKY_BYTES if plugin == "envmap" else 0
                 seen[key] = picture
             elif plugin in GRIDS:
                 memory += 4 * read_grid(path)

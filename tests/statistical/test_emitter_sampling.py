@@ -48,11 +48,12 @@ def checkered() -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Case:
-    """Lights, the point they are seen from, and the directions in which to look."""
+    """Lights, the point they are seen from, the directions in which to look, and whether direction sampling helps."""
 
     lights: dict[str, Any]
     cone: Cone
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    is_helped: bool = False
 
 
 DOWN_AT_ONE = T().translate([0, 0, 1]).rotate([1, 0, 0], 180)
@@ -78,6 +79,7 @@ CASES = {
     "inside a sphere": lambda: Case({"a": ball(1.0, 0.4, flip_normals=True)}, Cone.around(UP, np.pi)),
     "constant": lambda: Case({"a": {"type": "constant", "radiance": 2.0}}, Cone.around(UP, np.pi)),
     "environment map": lambda: Case({"a": bumpy_sky()}, Cone.around(UP, np.pi)),
+    "environment map above its mean": lambda: Case({"a": bumpy_sky()}, Cone.around(UP, np.pi), is_helped=True),
     "sun": lambda: Case({"a": {"type": "sunsky", "sun_direction": [0.3, 0.2, 1]}}, Cone.around((0.3, 0.2, 1), 0.006)),
     "sky": lambda: Case(
         {"a": {"type": "sunsky", "sun_direction": [0.3, 0.2, 1], "sun_scale": 0}}, Cone.around(UP, 1.5)
@@ -102,7 +104,7 @@ class Seen:
 
     def __init__(self, case: Case) -> None:
         self.scene = mi.load_dict({"type": "scene", **case.lights})
-        self.sampler = EmitterSampler(self.scene)
+        self.sampler = EmitterSampler(self.scene, is_helped=case.is_helped)
         self.point = case.point
 
     def reference(self, n: int) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -18,6 +19,7 @@ from renderer.plan import (
     MAX_PASS_SAMPLES,
     MIN_PASS_SAMPLES,
     MIN_REPLICATES_TO_STOP,
+    MOST_TOGETHER,
     PASS_SECONDS,
     Pass,
     coarse_stride,
@@ -68,6 +70,41 @@ def test_the_first_round_gives_every_pixel_its_first_replicates_once(
         apply(work, count)
     assert count.min() >= 1
     assert count.max() <= (1 if wanted == 1 else FIRST_REPLICATES)
+
+
+@pytest.mark.parametrize(
+    ("low", "is_checked", "left", "together"),
+    [
+        (1, False, math.inf, 3),  # until adaptive rounds may begin
+        (10, False, math.inf, 5),
+        (10, False, 3.2, 3),  # all pixels have their share before the time is over
+        (10, False, 0.1, 1),
+        (100, False, math.inf, MOST_TOGETHER),
+        (20, True, math.inf, 3),  # no checkpoint is passed over
+        (2, True, math.inf, 1),
+    ],
+)
+def test_replicates_of_a_pixel_run_together_even_if_a_pass_has_no_room_for_all_pixels(
+    low: int, is_checked: bool, left: float, together: int
+) -> None:
+    """left: replicates of all pixels that there is time for."""
+    count, b = np.full(128 * 128, low, np.int64), 16
+    passes = list(next_round(count.copy(), 128, 128, b, None, lambda: 2**17, is_checked, left * b * len(count)))
+    assert all(work.n_replicates == together for work in passes)
+    assert len(passes) == max(1, round(len(count) * b * together / 2**17))
+    for work in passes:
+        apply(work, count)
+    assert (count == low + together).all()
+
+
+def test_a_round_that_was_stopped_is_finished_as_it_was_begun() -> None:
+    count = np.full(128 * 128, 10, np.int64)
+    begun = next(next_round(count.copy(), 128, 128, 16, None, lambda: 2**17, False))
+    apply(begun, count)
+    for work in next_round(count.copy(), 128, 128, 16, None, lambda: 2**17, False):
+        assert work.n_replicates == begun.n_replicates
+        apply(work, count)
+    assert (count == 10 + begun.n_replicates).all()
 
 
 @LAWS
