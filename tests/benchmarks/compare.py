@@ -20,6 +20,8 @@ from tests.benchmarks.reference import Reference, converged
 from tests.benchmarks.scenes import load
 
 WARM_UP_SECONDS = 0.3
+WIDE, MOST_ROUNDS = 2.0, 15  # ratio of the extreme rounds from which there are more of them, and how many at most
+LONG_REFERENCE = 6  # times as long, against which those are judged
 
 
 @dataclass(frozen=True)
@@ -43,24 +45,27 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
     spp = {sampler: peer.calibrate(effort.seconds) for sampler, peer in peers.items()}
 
     rates: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
-    errors: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
-    typical: dict[str, list[float]] = {who: [] for who in ("fredholm", *peers)}
+    images: dict[str, list[tuple[Any, float]]] = {who: [] for who in ("fredholm", *peers)}  # and their seconds
     n = scene.width * scene.height
     casts, cast_seconds = RayCasts(scene), []
     # Last, for every scene that is loaded makes Dr.Jit compile anew what calls its plugins.
     _ours(scene, WARM_UP_SECONDS, 0)
-    for turn in range(effort.rounds):
+    turn = 0
+    while turn < effort.rounds or (turn < MOST_ROUNDS and _is_wide(images, effort.samplers[0], reference)):
+        turn += 1
         cast_seconds.append(casts.seconds())
-        estimate, took = _ours(scene, effort.seconds, turn + 1, adaptive=False)
+        estimate, took = _ours(scene, effort.seconds, turn, adaptive=False)
         rates["fredholm"].append(estimate.samples / took)
-        estimate, took = _ours(scene, effort.seconds, turn + 1)
-        errors["fredholm"].append(reference.rel_mse(estimate.mean) * took)
-        typical["fredholm"].append(reference.typical_rel_mse(estimate.mean) * took)
+        estimate, took = _ours(scene, effort.seconds, turn)
+        images["fredholm"].append((estimate.mean, took))
         for sampler, peer in peers.items():
-            image, took, done = peer.render(spp[sampler], turn + 1)
+            image, took, done = peer.render(spp[sampler], turn)
             rates[sampler].append(done * n / took)
-            errors[sampler].append(reference.rel_mse(image) * took)
-            typical[sampler].append(reference.typical_rel_mse(image) * took)
+            images[sampler].append((image, took))
+    if turn > effort.rounds:
+        reference = converged(scene, LONG_REFERENCE * effort.reference_seconds, effort.keep_reference)
+    errors = {who: [reference.rel_mse(image) * took for image, took in some] for who, some in images.items()}
+    typical = {who: [reference.typical_rel_mse(image) * took for image, took in some] for who, some in images.items()}
 
     plain = effort.samplers[0]
     ours_at_equal_time = statistics.median(errors["fredholm"])
@@ -76,7 +81,7 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
         "colour": scene.colour,
         "max_depth": scene.requirements.max_depth,
         "seconds": effort.seconds,
-        "rounds": effort.rounds,
+        "rounds": turn,
         "samples_per_second": rate,
         "rays_per_sample": casts.rays,
         "rays_per_second": rate * casts.rays,
@@ -98,9 +103,16 @@ def compare(name: str, effort: Effort) -> dict[str, Any]:
     }
 
 
+def _is_wide(images: dict[str, list[tuple[Any, float]]], plain: str, reference: Reference) -> bool:
+    """Whether the rounds say different things about the ratio of the errors: then a few fireflies decide."""
+    ours, theirs = ([reference.rel_mse(image) * took for image, took in images[who]] for who in ("fredholm", plain))
+    turns = [a / b for a, b in zip(theirs, ours, strict=True)]
+    return len(turns) > 1 and max(turns) > WIDE * min(turns)
+
+
 def _curve(scene: renderer.Scene, reference: Reference, effort: Effort) -> list[list[float]]:
     """[seconds, relMSE] of one render, each point at least half as late again as the one before."""
-    settings = renderer.Settings(scene.width, scene.height, effort.rounds + 1)
+    settings = renderer.Settings(scene.width, scene.height, MOST_ROUNDS + 1)
     points: list[list[float]] = []
     for snapshot in renderer.progressive(scene, renderer.Target(seconds=effort.seconds), settings):
         if snapshot.stopped_by or not points or snapshot.seconds >= 1.5 * points[-1][0]:

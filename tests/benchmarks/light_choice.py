@@ -1,9 +1,10 @@
-"""What choosing lights by the place is worth over choosing them by their power, and over Mitsuba's `path`.
+"""What our choice of lights is worth: the default, beside lights chosen by power alone, an environment map sampled by
+its plugin, and Mitsuba's `path`.
 
     python -m tests.benchmarks.light_choice [SCENE …]
 
-Variances of a replicate at equal samples; squared errors at 64 samples times processor seconds, which other work on the
-machine disturbs less than it does a clock.
+Variances of a replicate at equal samples, of the image and of the pixel at the median; squared errors at 64 samples
+times processor seconds, which other work on the machine disturbs less than it does a clock.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ import sys
 import time
 from dataclasses import replace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
 
 import renderer
 from renderer.backend import using
+from renderer.equation.environment_map import EnvironmentMap
 from renderer.equation.path import PathKernel
 from renderer.estimate.error import floor_of
 from tests.benchmarks import scenes
@@ -25,6 +28,10 @@ from tests.benchmarks.peer import Peer
 from tests.benchmarks.reference import converged
 
 WIDTH, SIZE, REPLICATES, TURNS = 128, 16, 4, 4
+SCENES = (
+    *("room-manylights", "gallery/many-lights", "sdf-instance", "thinlens", "matpreview", "living-room"),
+    *("pool", "gallery/ring-sky", "gallery/glass-sky"),
+)
 SAMPLERS = ("independent", "multijitter")
 
 
@@ -35,13 +42,17 @@ def compare(name: str) -> None:
     settings = scene.resolved(renderer.Settings(scene.width, scene.height), SIZE)
     camera, size = scene._camera(), (scene.width, scene.height)
     kernels = {}
+    model = scene.model(settings)
     with using(scene.variant):
-        for who, surveys in (("power", False), ("place", True)):
-            model = replace(scene.model(settings), surveys_lights=surveys)
-            kernels[who] = PathKernel(scene.mitsuba_scene, camera, size, model)
+        kernels["default"] = PathKernel(scene.mitsuba_scene, camera, size, model)
+        if kernels["default"].emitters.knows_places:
+            kernels["by power"] = PathKernel(scene.mitsuba_scene, camera, size, replace(model, surveys_lights=False))
+        if kernels["default"].emitters.map is not None:
+            with patch.object(EnvironmentMap, "of", lambda *_: None):
+                kernels["by plugin"] = PathKernel(scene.mitsuba_scene, camera, size, model)
     peers = {sampler: Peer(scenes.load(name, WIDTH, "rgb"), sampler) for sampler in SAMPLERS}
     cost: dict[str, list[float]] = {who: [] for who in (*kernels, *peers)}
-    variance: dict[str, list[float]] = {who: [] for who in kernels}
+    variance: dict[str, list[NDArray[np.float64]]] = {who: [] for who in kernels}
     for turn in range(TURNS + 1):
         for who, kernel in kernels.items():
             began = time.process_time()
@@ -51,16 +62,20 @@ def compare(name: str) -> None:
             if turn:  # the first one compiles
                 cost[who].append(reference.rel_mse(image) * took)
                 scale = np.square(reference.mean.reshape(-1, 3)) + floor_of(reference.mean)
-                variance[who].append(float((runs.var(axis=0, ddof=1) / scale).mean()))
+                variance[who].append((runs.var(axis=0, ddof=1) / scale).mean(axis=-1))
         for who, peer in peers.items():
             began = time.process_time()
             image, _, _ = peer.render(SIZE * REPLICATES, turn)
             if turn:
                 cost[who].append(reference.rel_mse(image) * (time.process_time() - began))
     mean = {who: float(np.mean(values)) for who, values in cost.items()}
-    print(f"{name}: variance by power {np.mean(variance['power']):.4f}, by place {np.mean(variance['place']):.4f}")
-    for who in ("power", *SAMPLERS):
-        print(f"  squared error at equal processor time, {who} over place: {mean[who] / mean['place']:.1f}")
+    print(f"{name}, variance of a replicate, image and median pixel:")
+    for who, some in variance.items():
+        pixels = np.mean(some, axis=0)
+        print(f"  {who:10} {pixels.mean():.4f} {np.median(pixels):.4f}")
+    for who in cost:
+        if who != "default":
+            print(f"  squared error at equal processor time, {who} over default: {mean[who] / mean['default']:.1f}")
 
 
 def _replicates(kernel: Any, scene: renderer.Scene, seed: int) -> NDArray[np.float64]:
@@ -73,5 +88,5 @@ def _replicates(kernel: Any, scene: renderer.Scene, seed: int) -> NDArray[np.flo
 
 if __name__ == "__main__":
     scenes.use_box_filters()
-    for asked in sys.argv[1:] or ("room-manylights", "gallery/many-lights"):
+    for asked in sys.argv[1:] or SCENES:
         compare(asked)
