@@ -51,7 +51,7 @@ Sizes = tuple[Any, ...]  # width, height, replicate size, depth limit, roulette 
 class Model:
     """What the kernel contains. Features are Python `if`s while tracing: what is absent is not in the kernel.
 
-    technique: see `Settings`. max_depth: −1 = unlimited. rr_depth: vertices before roulette.
+    technique: see `Settings`. max_depth: −1 = unlimited. rr_depth: see `roulette`.
     has_sampleable_emitters: whether emitter sampling can find anything. hide_emitters: lights unseen by the camera.
     has_lens: whether the camera has an aperture. splits_lobes: see `Directions`.
     has_transmission: whether light passes any surface. has_visible_emitters: whether a ray can hit a light (not where
@@ -330,8 +330,8 @@ class PathKernel:
 
             active_next &= dr.any(throughput != 0)
             if dr.hint(self.model.has_roulette, mode="scalar"):
-                survival = roulette.survival_probability(throughput, eta, depth_limit != NO_LIMIT)
-                plays = depth >= rr_depth
+                survival = roulette.survival_probability(throughput, eta, depth, rr_depth, depth_limit != NO_LIMIT)
+                plays = depth >= roulette.first_play(rr_depth)
                 active_next &= ~plays | (lobe_and_roulette.y < survival)
                 throughput[plays] = throughput / survival
             active_next |= passes_through

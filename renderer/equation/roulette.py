@@ -1,4 +1,12 @@
-"""Russian roulette: end paths that carry little, without bias. Source: Arvo & Kirk 1990."""
+"""Russian roulette: end paths that carry little, without bias.
+
+A path plays once it carries less than a share of what the camera sent out, and a survivor carries that share: no path
+ends that still matters as much as any other, and none is followed for next to nothing. The share is an EARLY-th until
+as many vertices as the scene says (`rr_depth`; 5 in Mitsuba), and a LATE-th from there on. By variance × time that is
+1.09 times better in geometric mean than ending paths in proportion to their throughput from the fifth vertex on (0.8 to
+1.5 by scene: `python -m tests.benchmarks.roulette`).
+Sources: Arvo & Kirk 1990; Vorba & Křivánek 2016 (windows of weights).
+"""
 
 from __future__ import annotations
 
@@ -6,6 +14,7 @@ from typing import Any
 
 import drjit as dr
 
+EARLY, LATE = 4.0, 3.0
 # Where the depth is unlimited, light caught between mirrors ends after a thousand bounces or so. In walls of albedo a,
 # survivors weigh (a/ceiling)^k: with the customary 0.95 their variance is infinite from a = 0.975 on, and a furnace of
 # 0.999 came out 65 % too dark. A limited path ends by itself, and nothing needs to end one that has lost no light.
@@ -13,9 +22,16 @@ CEILING = 0.999
 FLOOR = 0.05  # bounds the growth of a survivor to 20; a probability below 2^-24 could never be drawn from float32
 
 
-def survival_probability(throughput: Any, eta: Any, is_limited: Any) -> Any:
+def first_play(rr_depth: Any) -> Any:
+    """How many vertices a path has when it may first have to play."""
+    return rr_depth // 2
+
+
+def survival_probability(throughput: Any, eta: Any, depth: Any, rr_depth: Any, is_limited: Any) -> Any:
     """Probability to go on, from the path's throughput without the radiance compression of refraction (eta²).
 
-    is_limited: whether the depth ends every path.
+    depth: vertices so far. is_limited: whether the depth ends every path.
     """
-    return dr.clip(dr.max(throughput) * dr.square(eta), FLOOR, dr.select(is_limited, 1, CEILING))
+    carried = dr.max(dr.abs(throughput)) * dr.square(eta)  # filters have negative lobes
+    late = dr.minimum(LATE * carried, dr.select(is_limited, 1, CEILING))
+    return dr.maximum(dr.select(depth >= rr_depth, late, dr.minimum(EARLY * carried, 1)), FLOOR)

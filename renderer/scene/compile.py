@@ -99,6 +99,7 @@ class Scene:
     def model(self, settings: Settings, *, full: bool = False) -> Model:
         """What the kernel for resolved settings has to contain. full: also features that this scene does not need."""
         from renderer.equation.path import Model
+        from renderer.equation.roulette import first_play
 
         needs = self.requirements
         depth = settings.max_depth if settings.max_depth is not None else UNLIMITED_DEPTH
@@ -116,7 +117,7 @@ class Scene:
             has_visible_emitters=full or needs.has_visible_emitters,
             needs_time=full or needs.needs_time,
             has_delta=full or needs.has_delta,
-            has_roulette=full or depth < 0 or depth > needs.rr_depth,
+            has_roulette=full or depth < 0 or depth > first_play(needs.rr_depth),
             has_tree=full or not self.is_listed,
             needs_uv=full or needs.needs_uv,
         )

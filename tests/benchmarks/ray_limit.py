@@ -90,8 +90,9 @@ def _rays(scene: renderer.Scene) -> tuple[list[Any], list[Any]]:
         throughput, eta = throughput * weight, eta * bs.eta
         active &= dr.any(throughput != 0)
         u = rng.next_float32()
-        if model.has_roulette and depth + 1 >= model.rr_depth:
-            survival = roulette.survival_probability(throughput, eta, mi.Bool(model.max_depth >= 0))
+        if model.has_roulette and depth + 1 >= roulette.first_play(model.rr_depth):
+            done, most = mi.UInt32(depth + 1), mi.UInt32(model.rr_depth)
+            survival = roulette.survival_probability(throughput, eta, done, most, mi.Bool(model.max_depth >= 0))
             active &= u < survival
             throughput = throughput / survival
         following = si.spawn_ray(si.to_world(bs.wo))
