@@ -68,15 +68,16 @@ def test_lean_and_full_kernels_agree(name: str) -> None:
 
 
 def test_each_scene_gets_what_it_needs() -> None:
-    def model(name: str) -> Model:
+    def model(name: str, depth: int | None = None) -> Model:
         scene = load_scene(CASES[name], settings=SETTINGS)
-        return scene.model(scene.resolved(SETTINGS, 16))
+        return scene.model(scene.resolved(replace(SETTINGS, max_depth=depth), 16))
 
     point, mirrors, glass = (model(name) for name in list(CASES)[2:5])
     assert (point.has_visible_emitters, point.has_sampleable_emitters, point.has_transmission) == (False, True, False)
     assert (mirrors.has_visible_emitters, mirrors.has_sampleable_emitters) == (True, False)
     assert (mirrors.has_delta, glass.has_delta) == (True, True)
-    assert (point.has_delta, point.has_roulette) == (False, False)
+    assert not point.has_delta
+    assert [model("a point light alone", depth).has_roulette for depth in (2, 3, -1)] == [False, True, True]
     assert (glass.has_transmission, glass.has_sampleable_emitters, glass.needs_time) == (True, False, False)
 
 
