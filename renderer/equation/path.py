@@ -180,6 +180,7 @@ class PathKernel:
         prev_place = mi.UInt32(0)  # of the vertex before, for the choice among lights
         throughput = mi.Spectrum(1)
         eta = mi.Float(1)  # product of relative indices of refraction
+        typical = mi.Float(0)  # what the path carried behind its first surface that is no mirror or clear glass
         radiance = mi.Spectrum(0)  # of the current sample
         total = mi.Color3f(0)  # of the finished samples
         invalid = mi.UInt32(0)
@@ -207,6 +208,8 @@ class PathKernel:
             if dr.hint(rays.tracks_surfaces, mode="scalar"):
                 start[is_new] = NOWHERE
             throughput[is_new] = camera_weight * filter_weight
+            if dr.hint(self.model.has_roulette, mode="scalar"):
+                typical[is_new] = 0
             if dr.hint(self.model.has_transmission, mode="scalar"):
                 eta[is_new] = 1
             if dr.hint(self.model.has_delta, mode="scalar"):
@@ -330,7 +333,12 @@ class PathKernel:
 
             active_next &= dr.any(throughput != 0)
             if dr.hint(self.model.has_roulette, mode="scalar"):
-                survival = roulette.survival_probability(throughput, eta, depth, rr_depth, depth_limit != NO_LIMIT)
+                carried = roulette.carried(throughput, eta)
+                is_first = active_next & (typical == 0)
+                if dr.hint(self.model.has_delta, mode="scalar"):
+                    is_first &= ~prev_delta
+                typical[is_first] = carried
+                survival = roulette.survival_probability(carried, typical, depth, rr_depth, depth_limit != NO_LIMIT)
                 plays = depth >= roulette.first_play(rr_depth)
                 active_next &= ~plays | (lobe_and_roulette.y < survival)
                 throughput[plays] = throughput / survival

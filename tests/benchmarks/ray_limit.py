@@ -68,7 +68,7 @@ def _rays(scene: renderer.Scene) -> tuple[list[Any], list[Any]]:
     index = dr.arange(mi.UInt32, PATHS)
     position = mi.Point2f(mi.Float(index % side), mi.Float(index // side)) + pair()
     ray, throughput = kernel.camera.sample_ray(kernel.shutter_open, rng.next_float32(), position / side, pair(), True)
-    throughput, eta = mi.Spectrum(throughput), mi.Float(1)
+    throughput, eta, typical = mi.Spectrum(throughput), mi.Float(1), mi.Float(0)
     limit = model.max_depth if model.max_depth >= 0 else MOST_VERTICES
     found, shadows = [], []
     for depth in range(limit):
@@ -89,10 +89,13 @@ def _rays(scene: renderer.Scene) -> tuple[list[Any], list[Any]]:
         bs, weight = bsdf.sample(mi.BSDFContext(), si, rng.next_float32(), pair(), active)
         throughput, eta = throughput * weight, eta * bs.eta
         active &= dr.any(throughput != 0)
+        is_smooth = ~mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
+        typical = dr.select(is_smooth & (typical == 0), roulette.carried(throughput, eta), typical)
         u = rng.next_float32()
         if model.has_roulette and depth + 1 >= roulette.first_play(model.rr_depth):
             done, most = mi.UInt32(depth + 1), mi.UInt32(model.rr_depth)
-            survival = roulette.survival_probability(throughput, eta, done, most, mi.Bool(model.max_depth >= 0))
+            carried, is_limited = roulette.carried(throughput, eta), mi.Bool(model.max_depth >= 0)
+            survival = roulette.survival_probability(carried, typical, done, most, is_limited)
             active &= u < survival
             throughput = throughput / survival
         following = si.spawn_ray(si.to_world(bs.wo))
@@ -101,6 +104,7 @@ def _rays(scene: renderer.Scene) -> tuple[list[Any], list[Any]]:
             break
         ray = _gathered(following, kept)
         throughput, eta = dr.gather(mi.Spectrum, throughput, kept), dr.gather(mi.Float, eta, kept)
+        typical = dr.gather(mi.Float, typical, kept)
         rng = mi.PCG32(dr.width(kept), initstate=dr.opaque(mi.UInt64, depth + 1))
     return found, [ray for ray in shadows if dr.width(ray.o) > 0]
 

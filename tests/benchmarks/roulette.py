@@ -26,16 +26,16 @@ from tests.benchmarks import scenes
 WIDTH, SIZE, TOGETHER, TURNS = 96, 16, 4, 6
 SCENES = (
     *("cornell-box", "veach-ajar", "matpreview", "thinlens", "living-room", "sdf-instance", "room-manylights"),
-    *("room-indirect", "gallery/materials", "gallery/plates", "gallery/many-lights", "gallery/gap"),
+    *("room-indirect", "caustic-ring", "gallery/materials", "gallery/plates", "gallery/many-lights", "gallery/gap"),
 )
 
 
-def by_throughput(throughput: Any, eta: Any, depth: Any, rr_depth: Any, is_limited: Any) -> Any:
+def by_throughput(carried: Any, typical: Any, depth: Any, rr_depth: Any, is_limited: Any) -> Any:
     """The customary rule: from `rr_depth` on, the throughput is the chance to go on."""
     import drjit as dr  # not before `renderer`, which knows where LLVM is
 
     most = dr.select(is_limited, 1, roulette.CEILING)
-    return dr.select(depth >= rr_depth, dr.clip(dr.max(throughput) * dr.square(eta), roulette.FLOOR, most), 1)
+    return dr.select(depth >= rr_depth, dr.clip(carried, roulette.FLOOR, most), 1)
 
 
 def compare(name: str) -> float:
