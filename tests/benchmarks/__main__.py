@@ -5,9 +5,9 @@
 Samples per second (ours with variances, theirs without) and relMSE at equal time against a converged reference, through
 one box filter. Renders take turns, both warm; the medians of several rounds are shown. The range of the error ratio
 over the rounds says how far to believe it: where fireflies decide, it is wide, and `99 %`, the same without the worst
-hundredth of the pixels, says more. Beside them: rays per second, as a share
-of what the same rays take when they are cast alone; the first picture of a new process and of a warm one; peak memory.
-All shared surface scenes and the gallery by default: about a quarter of an hour. Results are kept line by line: the
+hundredth of the pixels, says more; scenes whose rounds differ much get more of them. Beside them: rays per second, as a
+share of what the same rays take when they are cast alone; the first picture of a new process and of a warm one; peak
+memory. All shared surface scenes and the gallery by default: about twenty minutes. Results are kept line by line: the
 same command again goes on where it was stopped; `--again` starts over.
 """
 
