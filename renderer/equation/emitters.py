@@ -48,6 +48,9 @@ class EmitterSampler:
 
     def __init__(self, scene: Any, sensor: Any = None, is_helped: bool = False) -> None:
         emitters = [e for e in scene.emitters() if is_sampleable(e)]
+        self.is_empty = not emitters
+        if self.is_empty:
+            return
         weights = choice_probabilities(emitters)
         emitters = [e for e, w in zip(emitters, weights, strict=True) if w > 0]
         weights = weights[weights > 0]

@@ -44,12 +44,13 @@ class Asked:
     key: str
 
 
-def jobs_of(n: int, side: int, rng: random.Random, scenes: Sequence[str]) -> list[Asked]:
+def jobs_of(n: int, side: int, rng: random.Random, scenes: Sequence[str], longer: int = 1) -> list[Asked]:
+    """longer: times as many samples, so that a job is still there when it is to be disturbed."""
     asked: list[Asked] = []
     for i in range(n):
         settings = {"width": rng.choice((side // 2, side)), "height": side, "seed": i}
         # Which of the two limits ends the second kind depends on the samples alone.
-        target: dict[str, Any] = {"spp": rng.choice((160, 288))} if i % 4 != 1 else {"error": 0.04, "spp": 288}
+        target: dict[str, Any] = {"spp": longer * rng.choice((160, 288))} if i % 4 != 1 else {"error": 0.04, "spp": 288}
         asked.append(Asked(scenes[i % len(scenes)] if i % 4 != 2 else None, target, settings, uuid4().hex))
     return asked
 
@@ -164,7 +165,7 @@ def check_nothing_is_left(server: Server, ids: list[str], pids: list[int]) -> No
 
 def test_a_few_jobs_survive_a_few_kills(tmp_path: Path, database_url: str) -> None:
     rng = random.Random(7)
-    chaos(tmp_path, database_url, jobs_of(3, 40, rng, ("cornell-box",)), ("both", "render"), rng, pause=0.3)
+    chaos(tmp_path, database_url, jobs_of(3, 96, rng, ("cornell-box",), 16), ("both", "render"), rng, pause=0.3)
 
 
 @pytest.mark.slow
