@@ -173,5 +173,5 @@ def test_twenty_jobs_survive_a_dozen_kills(tmp_path: Path, database_url: str) ->
     seed = random.SystemRandom().randrange(10**6)
     print(f"chaos with seed {seed}")
     rng = random.Random(seed)
-    asked = jobs_of(20, 96, rng, [scene.name for scene in gallery.list_scenes()])
+    asked = jobs_of(20, 96, rng, [scene.name for scene in gallery.list_scenes()], 4)
     chaos(tmp_path, database_url, asked, [rng.choice(KINDS) for _ in range(12)], rng, pause=5.0)
