@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
-from renderer.equation.tables import table
+from renderer.equation.tables import number
 
 mi: Any = mitsuba()
 
@@ -53,10 +53,10 @@ class ThinLens(_Camera):
         to_world = np.array(sensor.world_transform().matrix, np.float64).reshape(4, 4)
         directions = self.corners[1] @ np.linalg.inv(to_world[:3, :3]).T
         self.slopes = _affine(directions[:, :2] / directions[:, 2:])
-        self.axes = [[_number(v) for v in to_world[:3, i]] for i in range(4)]
+        self.axes = [[number(v) for v in to_world[:3, i]] for i in range(4)]
         known = mi.traverse(sensor)
-        self.radius, self.focus = (_number(known[name]) for name in ("aperture_radius", "focus_distance"))
-        self.near_clip, self.far_clip = _number(sensor.near_clip()), _number(sensor.far_clip())
+        self.radius, self.focus = (number(known[name]) for name in ("aperture_radius", "focus_distance"))
+        self.near_clip, self.far_clip = number(sensor.near_clip()), number(sensor.far_clip())
 
     def sample_ray(self, time: Any, u_wavelength: Any, position: Any, lens: Any, active: Any = True) -> tuple[Any, Any]:
         """As Mitsuba's."""
@@ -79,8 +79,8 @@ class Orthographic(_Camera):
     def __init__(self, sensor: Any) -> None:
         super().__init__(sensor)
         self.places = _affine(self.corners[0])
-        self.direction = [_number(v) for v in self.corners[1][0]]
-        self.length = _number(self.far[0])
+        self.direction = [number(v) for v in self.corners[1][0]]
+        self.length = number(self.far[0])
 
     def sample_ray(self, time: Any, u_wavelength: Any, position: Any, lens: Any, active: Any = True) -> tuple[Any, Any]:
         """As Mitsuba's."""
@@ -94,13 +94,8 @@ class Orthographic(_Camera):
 def _affine(corners: NDArray[np.float64]) -> list[list[Any]]:
     """(3, k) values at the corners as k triples: the constant, the x and the y part."""
     first, right, down = corners
-    return [[_number(v) for v in triple] for triple in zip(first, right - first, down - first, strict=True)]
+    return [[number(v) for v in triple] for triple in zip(first, right - first, down - first, strict=True)]
 
 
 def _at(parts: list[list[Any]], position: Any) -> list[Any]:
     return [constant + dx * position.x + dy * position.y for constant, dx, dy in parts]
-
-
-def _number(value: Any) -> Any:
-    """A number that is no part of the kernel's code."""
-    return table(np.array(value, np.float32).reshape(1), mi.Float)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
-from renderer.equation.tables import table
+from renderer.equation.tables import last_up_to, number, table
 from renderer.estimate.moments import LUMINANCE
 
 mi: Any = mitsuba()
@@ -72,12 +72,12 @@ class EnvironmentMap:
         known[:, :-1, :3], known[:, :-1, 3] = texels, weights
         known[:, -1] = known[:, 0]
         self._texels = table(known.ravel(), mi.Float)
-        self._rotation = [[_number(v) for v in row] for row in rotation]
+        self._rotation = [[number(v) for v in row] for row in rotation]
         box = scene.bbox()
         middle, low = (np.nan_to_num(np.array(v, np.float64).ravel(), posinf=0) for v in (box.center(), box.min))
         self._middle, self._radius = (
-            [_number(v) for v in middle],
-            _number(max(float(np.linalg.norm(middle - low)), 1e-4)),
+            [number(v) for v in middle],
+            number(max(float(np.linalg.norm(middle - low)), 1e-4)),
         )
 
     def _divide(self, mass: NDArray[np.float64], down: int, around: int) -> None:
@@ -238,11 +238,7 @@ def _before(masses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _found(before: Any, start: Any, n: int, u: Any, active: Any) -> tuple[Any, Any]:
     """Which of the n entries from `start` on u falls into, and where within its share, in [0, 1)."""
-    at = mi.UInt32(0)
-    for step in (2**i for i in reversed(range((n - 1).bit_length()))):
-        further = at + step
-        is_there = active & (further < n)
-        at = dr.select(is_there & (dr.gather(mi.Float, before, start + further, is_there) <= u), further, at)
+    at = last_up_to(u, before, start, n, n, active)
     low = dr.gather(mi.Float, before, start + at, active)
     has_next = active & (at + 1 < n)
     high = dr.select(has_next, dr.minimum(dr.gather(mi.Float, before, start + at + 1, has_next), 1), 1)
@@ -257,8 +253,3 @@ def _linear(low: Any, high: Any, u: Any) -> Any:
 
 def _bilinear(corners: list[Any], x: Any, y: Any) -> Any:
     return dr.lerp(dr.lerp(corners[0], corners[1], x), dr.lerp(corners[2], corners[3], x), y)
-
-
-def _number(value: float) -> Any:
-    """A number that is no part of the kernel's code."""
-    return dr.opaque(mi.Float, float(value))

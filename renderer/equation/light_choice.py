@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from renderer.backend import mitsuba
 from renderer.equation import light_table
 from renderer.equation.light_survey import Seen
-from renderer.equation.tables import table
+from renderer.equation.tables import last_up_to, table
 
 mi: Any = mitsuba()
 
 MOST_ENTRIES = 512
-FEATURE_BITS = 7  # of a node: the last ones of its threshold
 
 
 class LightChoice:
@@ -40,7 +39,7 @@ class LightChoice:
         if self.is_shared:
             ends = np.append(self.first[1:], n)
             inner = [light_table.cumulative(within[None, a:b])[0] for a, b in zip(self.first, ends, strict=True)]
-            self.steps_within = _steps(int((ends - self.first).max()))
+            self.most_within = int((ends - self.first).max())
             self._first, self._end = table(self.first, mi.UInt32), table(ends, mi.UInt32)
             self._before = table(np.concatenate([sums[:-1] for sums in inner]), mi.Float)
             self._within = table(np.concatenate([np.diff(sums) for sums in inner]), mi.Float)
@@ -62,7 +61,7 @@ class LightChoice:
         self.depth = seen.depth
         self.centre = mi.Point3f(*(dr.opaque(mi.Float, x) for x in seen.centre))
         self.size = dr.opaque(mi.Float, seen.size)
-        self._nodes = table(_packed(nodes), mi.UInt32)
+        self._nodes = table(nodes.ravel(), mi.Float)
         self._sums = table(light_table.cumulative(rows).ravel(), mi.Float)
 
     def place(self, p: Any, n: Any, active: Any) -> Any:
@@ -73,25 +72,17 @@ class LightChoice:
         values = (at.x, at.y, at.z, n.x, n.y, n.z)
         node = mi.UInt32(0)
         for _ in range(self.depth):
-            split = dr.gather(mi.UInt32, self._nodes, node, active)
-            feature = split & FEATURE_BITS
+            split = dr.gather(mi.Vector2f, self._nodes, node, active)
             value = values[0]
             for i in range(1, light_table.FEATURES):
-                value = dr.select(feature == i, values[i], value)
-            threshold: Any = dr.reinterpret_array(mi.Float, split)
-            node = 2 * node + dr.select(value <= threshold, mi.UInt32(1), 2)
+                value = dr.select(split.x == i, values[i], value)
+            node = 2 * node + dr.select(value <= split.y, mi.UInt32(1), 2)
         return node - (2**self.depth - 1)
 
     def sample(self, place: Any, u: Any, active: Any) -> tuple[Any, Any, Any]:
         """Returns the index of an emitter, u made fresh for choosing a point on it, and the index's probability."""
         row = place * (self.n_entries + 1)
-        entry = mi.UInt32(0)
-        for step in _steps(self.n_entries):
-            further = entry + step
-            is_there = active & (further < self.n_entries)
-            entry = dr.select(
-                is_there & (dr.gather(mi.Float, self._sums, row + further, is_there) <= u.x), further, entry
-            )
+        entry = last_up_to(u.x, self._sums, row, self.n_entries, self.n_entries, active)
         low = dr.gather(mi.Float, self._sums, row + entry, active)
         pmf = dr.gather(mi.Float, self._sums, row + entry + 1, active) - low
         index, fresh, within = self.sample_within(entry, mi.Point2f(_fresh(u.x, low, pmf), u.y), active)
@@ -101,11 +92,8 @@ class LightChoice:
         """The same among the emitters that share an entry."""
         if not self.is_shared:
             return entry, u, mi.Float(1)
-        index, end = (dr.gather(mi.UInt32, t, entry, active) for t in (self._first, self._end))
-        for step in self.steps_within:
-            further = index + step
-            is_there = active & (further < end)
-            index = dr.select(is_there & (dr.gather(mi.Float, self._before, further, is_there) <= u.y), further, index)
+        first, end = (dr.gather(mi.UInt32, t, entry, active) for t in (self._first, self._end))
+        index = first + last_up_to(u.y, self._before, first, end - first, self.most_within, active)
         within = dr.gather(mi.Float, self._within, index, active)
         before = dr.gather(mi.Float, self._before, index, active)
         return index, mi.Point2f(u.x, _fresh(u.y, before, within)), within
@@ -118,18 +106,7 @@ class LightChoice:
         return pmf * dr.gather(mi.Float, self._within, index, active) if self.is_shared else pmf
 
 
-def _packed(nodes: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """(n, 2) features and thresholds in one number each: reading one costs as much as all the rest of a step."""
-    thresholds = np.ascontiguousarray(nodes[:, 1]).view(np.uint32)
-    return (thresholds & ~np.uint32(FEATURE_BITS)) | nodes[:, 0].astype(np.uint32)
-
-
 def _fresh(u: Any, low: Any, share: Any) -> Any:
     """Where u lies within its share, in [0, 1). In the middle of its grid step: few steps make a small share, and
     their lower ends would all lie to one side of the light."""
     return dr.clip((u - low + 0.5 / light_table.GRID) / share, 0, 1 - 2**-24)
-
-
-def _steps(n: int) -> list[int]:
-    """Powers of two, falling, whose sum reaches n − 1: the steps of a binary search among n."""
-    return [2**i for i in reversed(range((n - 1).bit_length()))]

@@ -19,7 +19,7 @@ from renderer.equation.tables import table
 
 mi: Any = mitsuba()
 
-# A room of 200 lights is content with a quarter of this; skies, of which a place sees a part, are not.
+# An eighth of the samples leaves a room of 200 lights 1.15 times the variance; skies lose more.
 WALKS, VERTICES = 8192, 3  # paths, and how far each goes
 MOST_SAMPLES = 2**21  # of lights, over all points
 POINTS_PER_PLACE = 16

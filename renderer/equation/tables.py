@@ -21,6 +21,21 @@ def table(values: Any, of_type: Any) -> Any:
     return copy
 
 
+def number(value: Any) -> Any:
+    """A number that is no part of the kernel's code, so that one kernel serves all values."""
+    return dr.opaque(mi.Float, float(np.array(value).ravel()[0]))
+
+
+def last_up_to(u: Any, values: Any, start: Any, n: Any, most: int, active: Any) -> Any:
+    """Which of the n ≤ most rising values from `start` on is the last one up to u; the first one is taken to be."""
+    at = mi.UInt32(0)
+    for step in (2**i for i in reversed(range((most - 1).bit_length()))):
+        further = at + step
+        is_there = active & (further < n)
+        at = dr.select(is_there & (dr.gather(mi.Float, values, start + further, is_there) <= u), further, at)
+    return at
+
+
 def registry_id(plugin: Any) -> int:
     """The number by which Dr.Jit's pointers name a BSDF or an emitter."""
     pointer = mi.BSDFPtr(plugin) if isinstance(plugin, mi.BSDF) else mi.EmitterPtr(plugin)
