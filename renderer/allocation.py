@@ -24,8 +24,8 @@ from renderer.estimate.moments import Moments
 from renderer.estimate.neighbours import box_sum, doubled, event_rate, halved
 
 GROWTH = 1.15  # of all replicates, per round
-EVEN = 0.95  # of the error of equal numbers: what the aimed ones must leave for equal ones to be kept,
-EVEN_GROWTH = 1.5  # for a round of this growth, which is the largest
+MOST_GROWTH = 1.5  # of a round whose planning would otherwise take a notable part of the time, or of an even one
+EVEN = 0.93  # of the error of equal numbers: what the aimed ones must leave for equal ones to be preferred
 MAX_GROWTH = 2.0  # of one pixel's replicates, per round
 FLOOR_SHARE = 0.1  # of the replicates that go to all pixels alike
 EARLY_SHARE = 0.75  # of the mean count that every pixel has at least, until its interval can be trusted
@@ -44,10 +44,11 @@ def next_counts(
     """(n,) replicates of each pixel at the end of the next round; in all, GROWTH times what there is.
 
     focus: (n,) pixels whose error counts; the others get the floor alone. least: replicates per pixel, in the mean,
-    that a round shall have, within EVEN_GROWTH: planning is not free. For the same reason equal counts stay equal, for
-    a round of EVEN_GROWTH, where those that would be aimed at would hardly do better.
+    that a round shall have, within MOST_GROWTH: planning is not free. For the same reason equal counts stay equal, for
+    a round of MOST_GROWTH, where those that would be aimed at would hardly do better.
     """
-    wanting, certainty = _wanting(moments, width, height)
+    own = _relative_variance(moments)
+    wanting, certainty = _wanting(moments, own, width, height)
     wanting, cost = np.fmax(wanting, 0.0), _cost(moments, width, height)  # differences may round below zero
     weight = np.sqrt(wanting / cost)
     if focus is not None:
@@ -59,9 +60,9 @@ def next_counts(
         share = (1 - led) / n + led * weight / total
     now = float(tried.mean())
     is_level = int(moments.tried.min()) == int(moments.tried.max())
-    if focus is None and is_level and _is_even(share, wanting, cost):
-        return np.full_like(moments.tried, math.ceil(EVEN_GROWTH * now))
-    mean = min(max(GROWTH * now, now + least), EVEN_GROWTH * now)
+    if focus is None and is_level and _is_even(share, own, np.maximum(moments.segments, 1) / tried):
+        return np.full_like(moments.tried, math.ceil(MOST_GROWTH * now))
+    mean = min(max(GROWTH * now, now + least), MOST_GROWTH * now)
     everywhere = min(MIN_REPLICATES, EARLY_SHARE * mean)
     more = _poured(share, tried, everywhere, max(1.0, (mean - now) * n))
     # Fractions are rounded up or down by a fixed pattern that differs from round to round.
@@ -72,13 +73,23 @@ def next_counts(
     return moments.tried + whole
 
 
-def _is_even(share: NDArray[np.float64], wanting: NDArray[np.float64], cost: NDArray[np.float64]) -> bool:
-    """Whether replicates in proportion to `share` leave nearly as much error, at equal cost, as equal numbers."""
-    aimed, equal = float((wanting / share).mean() * (share * cost).mean()), float(wanting.mean() * cost.mean())
-    return aimed >= EVEN * equal
+def _is_even(share: NDArray[np.float64], own: NDArray[np.float64], cost: NDArray[np.float64]) -> bool:
+    """Whether replicates in proportion to `share` leave nearly as much error, at equal cost, as equal numbers.
+
+    own, cost: (n,) each pixel's variance and cost, of which its share knows nothing: what the shares were made of would
+    flatter them.
+    """
+    return float((own / share).mean() * (share * cost).mean()) >= EVEN * float(own.mean() * cost.mean())
 
 
-def _wanting(moments: Moments, width: int, height: int) -> tuple[NDArray[np.float64], float]:
+def _relative_variance(moments: Moments) -> NDArray[np.float64]:
+    """(n,) relative variance of one replicate of each pixel; 0 where there are less than two."""
+    variance = moments.m2[:, :3] / np.maximum(moments.count - 1, 1)[:, None]
+    relative = np.mean(variance / (moments.mean**2 + floor_of(moments.mean)), axis=1)
+    return np.where(moments.count >= 2, relative, 0.0)
+
+
+def _wanting(moments: Moments, own: NDArray[np.float64], width: int, height: int) -> tuple[NDArray[np.float64], float]:
     """(n,) relative variance of one replicate, from the neighbours of each pixel and without itself; and how far
     (0 … 1) the image tells where its variance is.
 
@@ -87,8 +98,6 @@ def _wanting(moments: Moments, width: int, height: int) -> tuple[NDArray[np.floa
     """
     shape = (height, width)
     measured = moments.count >= 2
-    variance = moments.m2[:, :3] / np.maximum(moments.count - 1, 1)[:, None]
-    own = np.where(measured, np.mean(variance / (moments.mean**2 + floor_of(moments.mean)), axis=1), 0.0)
     third = np.abs(moments.skewness()) * own**1.5
     sums = own_sums = np.stack([a.reshape(shape) for a in (own, third, measured, moments.count)]).astype(np.float64)
     shapes, levels = [shape], [box_sum(sums, WINDOW)]

@@ -53,15 +53,6 @@ class Pass:
         within = np.arange(self.n_lanes) - np.repeat(self._starts(), n)
         return pixels, (np.repeat(np.broadcast_to(self.first, len(self.pixels)), n) + within).astype(np.uint32)
 
-    def layers(self) -> Iterator[tuple[NDArray[np.uint32], NDArray[np.int64]]]:
-        """The r-th replicate of all pixels that have one: (pixels, their lanes), for r = 0, 1, 2, …"""
-        pixels, starts = self.pixels, self._starts()
-        n = np.broadcast_to(self.n_replicates, len(pixels))
-        for r in range(int(n.max(initial=0))):
-            more = n > r
-            pixels, starts, n = (pixels, starts, n) if more.all() else (pixels[more], starts[more], n[more])
-            yield pixels, starts + r
-
     def _starts(self) -> NDArray[np.int64]:
         """(n,) first lane of each pixel."""
         n = self.n_replicates

@@ -264,13 +264,8 @@ class _Render:
             began = time.perf_counter()
             self.moments, self.is_shown = self.moments.copy(), False
             self.snapshot_cost += time.perf_counter() - began
-        for some, lanes in launched.work.layers():
-            where: Any = some
-            if len(some) == self.n:  # in the order of the image, for the sake of speed
-                where, by_pixel = slice(None), np.empty_like(lanes)
-                by_pixel[some] = lanes
-                lanes = by_pixel
-            self.moments.add(where, radiance[lanes], invalid[lanes], self.size, segments[lanes])
+        work = launched.work
+        self.moments.add_runs(work.pixels, work.n_replicates, radiance, invalid, self.size, segments)
         if launched is self.in_flight:
             self.in_flight = None
 

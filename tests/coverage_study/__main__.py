@@ -27,7 +27,10 @@ STOPPING = (
     *("shared/cornell-box", "shared/room-manylights"),
 )
 TARGETS = (0.10, 0.05, 0.02)
-MORE_ADAPTIVE = ("shared/caustic-ring", "shared/pool", "shared/veach-ajar")
+MORE_ADAPTIVE = (
+    *("shared/caustic-ring", "shared/pool", "shared/veach-ajar"),
+    *("shared/living-room", "shared/room-indirect", "shared/sdf-instance"),
+)
 OUT = Console(width=150)
 
 
@@ -112,7 +115,7 @@ def main() -> None:
     usual = {
         "coverage": (show_coverage, [*gallery_names(), *SHARED, *rare_light.NAMES], 200),
         "stopping": (show_stopping, list(STOPPING), 100),
-        "adaptive": (show_adaptive, [*gallery_names(), *SHARED, *MORE_ADAPTIVE], 2),
+        "adaptive": (show_adaptive, [*gallery_names(), *SHARED, *MORE_ADAPTIVE], 3),
     }
     for part in parts:
         show, scenes, runs = usual[part]

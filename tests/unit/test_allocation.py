@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from renderer.allocation import EVEN_GROWTH, FLOOR_SHARE, GROWTH, MAX_GROWTH, next_counts
+from renderer.allocation import FLOOR_SHARE, GROWTH, MAX_GROWTH, MOST_GROWTH, _is_even, next_counts
 from renderer.estimate.moments import Moments
 
 WIDTH, HEIGHT = 24, 16
@@ -32,7 +32,7 @@ def test_a_round_adds_its_share_and_takes_nothing_away(seed: int, n: int, scale:
     moments = moments_of(spread, n, seed)
     more = next_counts(moments, WIDTH, HEIGHT) - moments.tried
     if len(set(more)) == 1 and n > 1:  # nothing to be gained
-        assert more[0] == np.ceil(EVEN_GROWTH * n) - n
+        assert more[0] == np.ceil(MOST_GROWTH * n) - n
         return
     assert (more >= 0).all()
     assert (more <= np.ceil((MAX_GROWTH - 1) * moments.tried)).all()
@@ -40,15 +40,16 @@ def test_a_round_adds_its_share_and_takes_nothing_away(seed: int, n: int, scale:
 
 
 def test_a_pixels_own_values_do_not_change_its_count() -> None:
-    moments = moments_of(np.full(N, 0.5))
+    moments = moments_of(np.where(np.arange(N) % WIDTH < WIDTH // 2, 0.1, 0.5))
     before = next_counts(moments, WIDTH, HEIGHT)
-    i = 8 * WIDTH + 12
+    i = 8 * WIDTH + 3
     moments.m2[i] *= 2.0
     moments.m3[i] *= 2.0**1.5
     after = next_counts(moments, WIDTH, HEIGHT)
     neighbour = i + 1
     assert abs(int(after[i]) - int(before[i])) <= 1, "through the sum over the image alone"
     moments.m2[i] *= 1000
+    moments.m3[i] *= 1000**1.5
     assert next_counts(moments, WIDTH, HEIGHT)[neighbour] > after[neighbour], "its neighbours do take notice"
 
 
@@ -138,15 +139,24 @@ def test_the_smallest_images_have_a_next_round_too(size: tuple[int, int]) -> Non
 
 def test_equal_counts_stay_equal_where_others_would_hardly_do_better() -> None:
     counts = next_counts(moments_of(np.full(N, 0.5), 16), WIDTH, HEIGHT)
-    assert set(counts) == {int(np.ceil(EVEN_GROWTH * 16))}
+    assert set(counts) == {int(np.ceil(MOST_GROWTH * 16))}
     is_dull = np.arange(N) % WIDTH < WIDTH // 2
     assert len(set(next_counts(moments_of(np.where(is_dull, 0.1, 0.5), 16), WIDTH, HEIGHT))) > 1
+
+
+def test_shares_are_judged_by_what_they_were_not_made_of() -> None:
+    """Where neighbours vary by chance alone, shares that follow them promise a gain that the pixels do not know of."""
+    chance = np.random.default_rng(4).lognormal(0.0, 1.0, N)
+    share, even = np.sqrt(chance) / np.sqrt(chance).sum(), np.ones(N)
+    assert _is_even(share, even, even)
+    assert not _is_even(share, chance, even), "here they do"
+    assert _is_even(share, chance, share), "but not where those pixels cost more as well"
 
 
 def test_a_round_has_the_least_that_is_asked_for_within_a_limit() -> None:
     is_dull = np.arange(N) % WIDTH < WIDTH // 2
     moments = moments_of(np.where(is_dull, 0.1, 0.5), 16)
-    for least, expected in ((0.0, GROWTH * 16), (5.0, 21.0), (100.0, EVEN_GROWTH * 16)):
+    for least, expected in ((0.0, GROWTH * 16), (5.0, 21.0), (100.0, MOST_GROWTH * 16)):
         assert next_counts(moments, WIDTH, HEIGHT, least=least).mean() == pytest.approx(expected, rel=0.01)
 
 

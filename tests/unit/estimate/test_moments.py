@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 from functools import reduce
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import skew
 
+import renderer.estimate.moments
 from renderer.estimate.moments import LUMINANCE, Moments
 
 REPLICATE_SIZE = 4
@@ -154,6 +156,29 @@ def test_a_slice_and_an_index_array_give_the_same_bits(seed: int, invalid: list[
         by_slice.add(slice(None), replicate, bad, REPLICATE_SIZE)
         by_index.add(np.arange(6, dtype=np.uint32), replicate, bad, REPLICATE_SIZE)
     assert_same_bits(by_slice, by_index)
+
+
+@LAWS
+@given(
+    seed=seeds,
+    each=st.lists(st.integers(0, 5), min_size=5, max_size=5) | st.integers(1, 5),
+    invalid=st.lists(st.integers(0, REPLICATE_SIZE), min_size=25, max_size=25),
+    chunk=st.integers(1, 6),
+)
+def test_runs_of_replicates_give_the_same_bits_as_one_after_the_other(
+    seed: int, each: list[int] | int, invalid: list[int], chunk: int
+) -> None:
+    pixels = np.array([6, 0, 3, 1, 4], np.uint32)
+    n = np.broadcast_to(each, 5)
+    radiance, bad = series(seed, int(n.sum()), 1)[:, 0], np.array(invalid[: int(n.sum())], np.uint32)
+    segments = np.arange(len(bad), dtype=np.uint32)
+    by_run, single = accumulate(series(seed + 1, 2, 7)), accumulate(series(seed + 1, 2, 7))
+    with patch.object(renderer.estimate.moments, "CHUNK", chunk):
+        by_run.add_runs(pixels, each if isinstance(each, int) else n, radiance, bad, REPLICATE_SIZE, segments)
+    for lane, pixel in enumerate(np.repeat(pixels, n)):
+        one = slice(lane, lane + 1)
+        single.add(np.array([pixel]), radiance[one], bad[one], REPLICATE_SIZE, segments[one])
+    assert_same_bits(by_run, single)
 
 
 def test_the_order_of_pixels_within_a_pass_does_not_matter() -> None:
