@@ -24,7 +24,8 @@ from renderer.estimate.moments import Moments
 from renderer.estimate.neighbours import box_sum, doubled, event_rate, halved
 
 GROWTH = 1.15  # of all replicates, per round
-MOST_GROWTH = 1.5  # of a round whose planning would otherwise take a notable part of the time, or of an even one
+MOST_GROWTH = 1.5  # of a round whose planning would otherwise take a notable part of the time
+EVEN_GROWTH = 2.0  # of one that nothing is to be gained by
 EVEN = 0.93  # of the error of equal numbers: what the aimed ones must leave for equal ones to be preferred
 MAX_GROWTH = 2.0  # of one pixel's replicates, per round
 FLOOR_SHARE = 0.1  # of the replicates that go to all pixels alike
@@ -44,8 +45,9 @@ def next_counts(
     """(n,) replicates of each pixel at the end of the next round; in all, GROWTH times what there is.
 
     focus: (n,) pixels whose error counts; the others get the floor alone. least: replicates per pixel, in the mean,
-    that a round shall have, within MOST_GROWTH: planning is not free. For the same reason equal counts stay equal, for
-    a round of MOST_GROWTH, where those that would be aimed at would hardly do better.
+    that a round shall have, within MOST_GROWTH: planning is not free. For the same reason, where the counts that would
+    be aimed at would hardly do better, equal ones stay equal for a round of EVEN_GROWTH, and others may have as long a
+    round.
     """
     own = _relative_variance(moments)
     wanting, certainty = _wanting(moments, own, width, height)
@@ -59,10 +61,12 @@ def next_counts(
         led = (1 - FLOOR_SHARE) * certainty
         share = (1 - led) / n + led * weight / total
     now = float(tried.mean())
-    is_level = int(moments.tried.min()) == int(moments.tried.max())
-    if focus is None and is_level and _is_even(share, own, np.maximum(moments.segments, 1) / tried):
-        return np.full_like(moments.tried, math.ceil(MOST_GROWTH * now))
-    mean = min(max(GROWTH * now, now + least), MOST_GROWTH * now)
+    limit = MOST_GROWTH
+    if focus is None and _is_even(share, own, np.maximum(moments.segments, 1) / tried):
+        limit = EVEN_GROWTH
+        if int(moments.tried.min()) == int(moments.tried.max()):
+            return np.full_like(moments.tried, math.ceil(limit * now))
+    mean = min(max(GROWTH * now, now + least), limit * now)
     everywhere = min(MIN_REPLICATES, EARLY_SHARE * mean)
     more = _poured(share, tried, everywhere, max(1.0, (mean - now) * n))
     # Fractions are rounded up or down by a fixed pattern that differs from round to round.

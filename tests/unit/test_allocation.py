@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from renderer.allocation import FLOOR_SHARE, GROWTH, MAX_GROWTH, MOST_GROWTH, _is_even, next_counts
+from renderer.allocation import EVEN_GROWTH, FLOOR_SHARE, GROWTH, MAX_GROWTH, MOST_GROWTH, _is_even, next_counts
 from renderer.estimate.moments import Moments
 
 WIDTH, HEIGHT = 24, 16
@@ -32,7 +32,7 @@ def test_a_round_adds_its_share_and_takes_nothing_away(seed: int, n: int, scale:
     moments = moments_of(spread, n, seed)
     more = next_counts(moments, WIDTH, HEIGHT) - moments.tried
     if len(set(more)) == 1 and n > 1:  # nothing to be gained
-        assert more[0] == np.ceil(MOST_GROWTH * n) - n
+        assert more[0] == np.ceil(EVEN_GROWTH * n) - n
         return
     assert (more >= 0).all()
     assert (more <= np.ceil((MAX_GROWTH - 1) * moments.tried)).all()
@@ -139,7 +139,7 @@ def test_the_smallest_images_have_a_next_round_too(size: tuple[int, int]) -> Non
 
 def test_equal_counts_stay_equal_where_others_would_hardly_do_better() -> None:
     counts = next_counts(moments_of(np.full(N, 0.5), 16), WIDTH, HEIGHT)
-    assert set(counts) == {int(np.ceil(MOST_GROWTH * 16))}
+    assert set(counts) == {int(np.ceil(EVEN_GROWTH * 16))}
     is_dull = np.arange(N) % WIDTH < WIDTH // 2
     assert len(set(next_counts(moments_of(np.where(is_dull, 0.1, 0.5), 16), WIDTH, HEIGHT))) > 1
 
