@@ -114,12 +114,12 @@ def test_a_rare_light_in_one_spot_draws_the_samples_there(probability: float, re
 
 
 def test_even_noise_is_sampled_evenly() -> None:
-    count = grown(np.full(N, 0.5), 20).count
+    count = grown(np.full(N, 0.5), 8).count
     assert count.std() / count.mean() < 0.1
 
 
 def test_an_image_that_does_not_vary_is_sampled_evenly() -> None:
-    count = grown(np.zeros(N), 10).count
+    count = grown(np.zeros(N), 8).count
     assert count.max() - count.min() <= 2
 
 
