@@ -19,6 +19,8 @@ MAX_SIDE = 16384
 MAX_REPLICATE_SIZE = 64
 DEFAULT_REPLICATE_SIZE = 16
 ENOUGH_REPLICATES = 16  # of a pixel in the mean, so that nearly all have enough for an interval that may be trusted
+LOOSE_ERROR = 0.05  # asked for; at twice as much there will be a fourth of the samples, and a replicate has a fourth,
+LEAST_FOR_LOOSE = 2  # or at least this many
 UNLIMITED_DEPTH = -1
 DEFAULT_CONFIDENCE = 0.95
 
@@ -127,7 +129,7 @@ class Target:
 
 
 def replicate_size_for(settings: Settings, target: Target, spp_per_second: float = 0.0) -> int:
-    """Samples per replicate: as asked, else 16, or less where few samples are asked for, so that an error bar is left.
+    """Samples per replicate: as asked, else 16, or less where few samples will do, so that an error bar is left.
 
     A replicate is the unit of every error bar; below four of them an interval says next to nothing. The more samples
     stratify each other, the less noise: where the target says that there will be many, and asks for no error that
@@ -136,6 +138,10 @@ def replicate_size_for(settings: Settings, target: Target, spp_per_second: float
     if settings.replicate_size is not None:
         return settings.replicate_size
     size = DEFAULT_REPLICATE_SIZE
+    if target.error is not None:
+        wanted = size * (LOOSE_ERROR / target.error) ** 2
+        while size > LEAST_FOR_LOOSE and wanted * 2**0.5 < size:
+            size //= 2
     while target.spp is not None and size > 1 and target.spp < 4 * size:
         size //= 2
     if target.error is not None:

@@ -1,11 +1,13 @@
 """When will the target be reached? From error² × samples, which is constant for Monte Carlo, and the pace of late.
 
 What stops a render is the upper bound of its error. Its logarithm over that of the error falls like 1/√samples, so the
-bound comes down faster than the error does: a bound far above the error says that tails have not shown yet, and that
-nothing can be foretold. Targets are looked at between rounds only: a render ends half a round late, in the mean.
+bound comes down faster than the error does; a bound far above the error says that tails have not shown yet, and that
+nothing can be foretold. The error itself is underestimated by some 0.6/samples at first, because a pixel's bright
+values make its mean large as well. Targets are looked at between rounds only: a render ends half a round late, in the
+mean. `python -m tests.coverage_study stopping` measures what forecasts are worth.
 
 Enters: the curve of error over time so far. Leaves: the seconds left and an interval, or None while it is not worth
-showing: early on the constant still drifts.
+showing: until all pixels have a variance, and while the constant still drifts.
 """
 
 from __future__ import annotations
@@ -14,11 +16,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-MIN_POINTS = 3
+MIN_POINTS = 2  # for the pace
+EARLY = 0.6  # of the logarithm of the error that is not seen yet, times the samples
 MAX_DRIFT = 0.35  # of the logarithm of the samples foretold, over the points used; more is no forecast
-MAX_CAUTION = 1.45  # the bound over the error; beyond, it is the tail that will decide
+MAX_CAUTION = 1.65  # the bound over the error; beyond, it is the tail that will decide
 OVERSHOOT = 1.075  # half of what a round adds
-MIN_SPREAD = 0.05
+MIN_SPREAD = 0.05  # of the logarithm of the samples,
+DOUBT = 0.4  # and this share of that of the bound over the error
 Z95 = 1.96
 
 
@@ -43,25 +47,24 @@ class Forecast:
 
 def forecast(curve: Sequence[CurvePoint], target: float) -> Forecast | None:
     """Seconds left until the bound of the error falls to `target`; None while that is not known."""
-    if len(curve) < MIN_POINTS:
+    known = [p for p in curve if p.upper is not None and p.error > 0 and p.spp > 0]
+    if len(curve) < MIN_POINTS or not known or _caution(known[-1]) > MAX_CAUTION:
         return None
-    recent = [p for p in curve[len(curve) // 2 :] if p.error > 0 and p.spp > 0]
-    if len(recent) < 2 or _caution(recent[-1]) > MAX_CAUTION:
-        return None
+    recent = known[len(known) // 2 :]
     logs = [math.log(_samples(p, target)) for p in recent]
     if max(logs) - min(logs) > MAX_DRIFT:
         return None
     # The latest point knows most; the ones before it tell how far to believe it.
-    centre = logs[-1]
-    spread = math.sqrt(sum((x - centre) ** 2 for x in logs) / (len(logs) - 1))
-    first, last = recent[0], recent[-1]
+    centre, last = logs[-1], recent[-1]
+    spread = math.sqrt(sum((x - centre) ** 2 for x in logs) / max(len(logs) - 1, 1))
+    first = curve[len(curve) // 2 - 1]
     pace = (last.seconds - first.seconds) / (last.spp - first.spp) if last.spp > first.spp else last.seconds / last.spp
 
     def left(log_samples: float) -> float:
         samples = math.exp(log_samples)
         return pace * (OVERSHOOT * samples - last.spp) if samples > last.spp else 0.0
 
-    margin = Z95 * max(spread, MIN_SPREAD)
+    margin = Z95 * max(spread, MIN_SPREAD + DOUBT * math.log(_caution(last)))
     return Forecast(left(centre), left(centre - margin), left(centre + margin))
 
 
@@ -72,15 +75,16 @@ def _caution(point: CurvePoint) -> float:
 
 def _samples(point: CurvePoint, target: float) -> float:
     """Samples per pixel at which the bound will have come down to the target."""
-    # In logarithms: samples = of_error + excess · √(now / samples).
+    # In logarithms: samples = of_error + unseen · (1 − now / samples) + excess · √(now / samples).
     now = math.log(point.spp)
     of_error = now + 2 * math.log(point.error / target)
-    excess = 2 * math.log(_caution(point))
-    low, high = of_error, of_error + excess
-    if high <= now:
-        return math.exp(high)
+    unseen, excess = 2 * EARLY / point.spp, 2 * math.log(_caution(point))
+    low, high = of_error, of_error + unseen + excess
+    if of_error + excess <= now:
+        return math.exp(min(high, now))
     for _ in range(50):
         middle = 0.5 * (low + high)
-        is_later = of_error + excess * math.exp(0.5 * (now - middle)) > middle
+        share = math.exp(min(0.0, now - middle))
+        is_later = of_error + unseen * (1 - share) + excess * math.sqrt(share) > middle
         low, high = (middle, high) if is_later else (low, middle)
     return math.exp(high)

@@ -1,6 +1,6 @@
 """`make bench`: Fredholm and Mitsuba's `path`, side by side in one run, as ratios.
 
-    python -m tests.benchmarks [--scenes NAME …] [--width N] [--seconds S] [--json FILE] [--smoke]
+    python -m tests.benchmarks [--scenes NAME …] [--width N] [--seconds S] [--samplers NAME …] [--json FILE] [--smoke]
 
 Samples per second (ours with variances, theirs without) and relMSE at equal time against a converged reference, through
 one box filter. Renders take turns, both warm; the medians of several rounds are shown. The range of the error ratio
@@ -24,6 +24,7 @@ from rich.table import Table
 
 from tests.benchmarks import scenes
 from tests.benchmarks.compare import Effort, compare
+from tests.benchmarks.peer import SAMPLERS
 
 RESULTS = Path(__file__).parents[1] / "output" / "bench.jsonl"
 SMOKE = Effort(width=32, seconds=0.1, rounds=1, reference_seconds=0.5, keep_reference=False)
@@ -81,7 +82,7 @@ def table_of(rows: list[dict[str, Any]]) -> Table:
             *("", f"{means['error_ratio_to_best']:.2f}"),
         )
     table.caption = (
-        f"relMSE after {rows[0]['seconds']:g} s, {rows[0]['width']} pixels wide, medians of {rows[0]['rounds']}"
+        f"relMSE after {rows[0]['seconds']:g} s, {rows[0]['width']} pixels wide, medians of {rows[0]['rounds']} or more"
         "; * the reference itself is not much better than the images: take the ratio as a hint"
     )
     return table
@@ -95,11 +96,11 @@ def _geometric_mean(rows: list[dict[str, Any]], key: str) -> float:
 def _kept(file: Path, effort: Effort) -> dict[str, dict[str, Any]]:
     """By scene, the newest result of an earlier run of the same effort."""
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.is_file() else []
-    asked = (effort.width, effort.seconds, effort.rounds)
+    asked = (effort.width, effort.seconds, effort.rounds, list(effort.samplers))
     return {
         row["scene"]: row
         for row in rows
-        if (row["width"], row["seconds"], row["rounds"]) == asked and "typical_error_ratio" in row
+        if (row["width"], row["seconds"], row["rounds"], list(row["path_rel_mse"])) == asked
     }
 
 
@@ -113,12 +114,16 @@ def main() -> None:
     parser.add_argument(
         "--reference-seconds", type=float, default=Effort.reference_seconds, help="(default %(default)s; cached)"
     )
+    parser.add_argument(
+        "--samplers", nargs="+", default=SAMPLERS, help="of `path` (default: all; the first is compared)"
+    )
     parser.add_argument("--smoke", action="store_true", help="tiny and quick: does it run at all?")
     parser.add_argument("--json", type=Path, default=RESULTS, help="JSON lines, kept and gone on from (%(default)s)")
     parser.add_argument("--again", action="store_true", help="measure again what the file already holds")
     asked = parser.parse_args()
     scenes.use_box_filters()
-    effort = Effort(asked.width, asked.seconds, asked.rounds, asked.reference_seconds)
+    samplers = tuple(asked.samplers)
+    effort = Effort(asked.width, asked.seconds, asked.rounds, asked.reference_seconds, samplers=samplers)
     names = asked.scenes or scenes.every_scene()
     if asked.smoke:
         effort, names = SMOKE, asked.scenes or scenes.SMOKE

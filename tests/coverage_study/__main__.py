@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from renderer.scene import gallery
+from renderer.settings import Settings, Target, replicate_size_for
 from tests.coverage_study import adaptive, coverage, rare_light, stopping
 from tests.coverage_study.bank import fill, is_there
 
@@ -67,15 +68,28 @@ def show_coverage(scenes: list[str], runs: int, quick: bool) -> None:
 def show_stopping(scenes: list[str], runs: int, quick: bool) -> None:
     """Asked against true error."""
     table = Table(title=f"Stop at 95 % confidence: {runs} runs per target (20 at 2 % take as long as 500 at 10 %)")
-    for column in ("scene", "asked", "runs", "reached", "spent/oracle", "spp", "forecast at 10 %", "within 25 %"):
+    for column in (
+        "scene",
+        "asked",
+        "runs",
+        "reached",
+        "spent/oracle",
+        "spp",
+        "size",
+        "forecast",
+        "within 25 %",
+        "in interval",
+    ):
         table.add_column(column, justify="left" if column == "scene" else "right")
     for name in scenes:
-        bank = fill(name, 2400, 512 if quick else 1024)
         for target in TARGETS:
+            size = replicate_size_for(Settings(), Target(error=target))
+            bank = fill(name, 2400, 512 if quick else 1024, size)
             row = stopping.measure(bank, target, max(20, runs // 2) if target < 0.04 else runs)
             cells = (
                 *(f"{100 * target:g} %", str(row.runs), f"{100 * row.reached:.1f} %", f"{row.spent:.2f}"),
-                *(f"{row.spp:.0f}", f"{100 * row.forecasts:.0f} %", f"{100 * row.near:.0f} %"),
+                *(f"{row.spp:.0f}", f"{size}", f"{100 * row.forecasts:.0f} %"),
+                *(f"{100 * row.near:.0f} %", f"{100 * row.held:.0f} %"),
             )
             table.add_row(name, *cells)
             OUT.print(f"[dim]{name}: {cells}", highlight=False)

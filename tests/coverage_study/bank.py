@@ -22,6 +22,7 @@ from tests.coverage_study import rare_light
 SHARED = Path(__file__).parents[3] / "shared" / "scenes"
 LANES = 2**18  # of one launch
 SIZE = 16
+SEED = 1
 
 
 @dataclass(frozen=True)
@@ -82,21 +83,21 @@ def is_there(name: str) -> bool:
     return not isinstance(source, Path) or source.is_file()
 
 
-def fill(name: str, pixels: int, replicates: int, seed: int = 1) -> Bank:
-    """Renders a bank of about `pixels` pixels, in the scene's own aspect."""
+def fill(name: str, pixels: int, replicates: int, size: int = SIZE) -> Bank:
+    """Renders a bank of about `pixels` pixels, in the scene's own aspect. size: samples in a replicate."""
     scene = renderer.load_scene(source_of(name))
     width = max(1, round((pixels * scene.width / scene.height) ** 0.5))
     height = max(1, round(width * scene.height / scene.width))
-    settings = Settings(width, height, technique="bsdf" if name in rare_light.NAMES else "mis", replicate_size=SIZE)
+    settings = Settings(width, height, technique="bsdf" if name in rare_light.NAMES else "mis", replicate_size=size)
     scene = scene.sized(settings)
-    kernel = scene.kernel(scene.resolved(settings, SIZE))
+    kernel = scene.kernel(scene.resolved(settings, size))
     n = scene.width * scene.height
     values, segments = np.empty((replicates, n, 3), np.float32), np.zeros(n, np.int64)
     step = max(1, LANES // n)
     every = np.arange(n, dtype=np.uint32)
     for first in range(0, replicates, step):
         some = np.arange(first, min(first + step, replicates), dtype=np.uint32)
-        lanes = kernel.launch(np.tile(every, len(some)), np.repeat(some, n), seed)
+        lanes = kernel.launch(np.tile(every, len(some)), np.repeat(some, n), SEED)
         radiance = np.array(lanes[0])
         segments += np.array(lanes[2]).reshape(len(some), n).sum(axis=0, dtype=np.int64)
         values[some] = np.broadcast_to(radiance, (3, radiance.shape[-1])).T.reshape(len(some), n, 3)

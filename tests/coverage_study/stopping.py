@@ -8,19 +8,23 @@ from unittest.mock import patch
 import numpy as np
 
 import renderer
+from renderer import plan, progress
 from renderer.estimate.error import floor_of
+from renderer.estimate.forecast import Forecast
 from renderer.scene.compile import Scene
 from tests.coverage_study.bank import Bank, BankKernel
 
-FORECAST_AT = 0.1  # of the run
+FORECAST_FROM, FORECAST_BEFORE = 0.1, 0.5  # of the run
 NEAR = 0.25
+FIRST_PASS, LATER_PASS = 0.25, 0.5  # of the image's replicates, as in images of the usual size
 
 
 @dataclass(frozen=True)
 class Stopping:
     """reached: share of runs whose true error was below the target. spent: mean samples over those of an oracle, which
     knows after how many samples 95 % of the runs are below it. spp: mean samples per pixel. forecasts: share of runs
-    that had one after a tenth of the samples; near: share of those within 25 % of the truth.
+    that had one after a tenth of their samples, or after more but less than half; near: share of those within 25 % of
+    the truth, held: with the truth in their 95 % interval.
     """
 
     target: float
@@ -30,6 +34,7 @@ class Stopping:
     spp: float
     forecasts: float
     near: float
+    held: float
 
 
 def true_error(bank: Bank, mean: np.ndarray) -> float:
@@ -45,17 +50,17 @@ def measure(bank: Bank, target: float, runs: int, adaptive: bool = True) -> Stop
         for run in range(runs):
             settings = renderer.Settings(**{**bank.settings.as_dict(), "seed": 5000 + run, "adaptive": adaptive})
             curve: list[tuple[float, float]] = []
-            said: list[tuple[float, float]] = []
+            said: list[tuple[float, Forecast]] = []
             last = None
             for last in _rounds(bank, target, settings):
                 curve.append((last.spp, true_error(bank, last.estimate.moments.mean)))
                 if last.forecast is not None:
-                    said.append((last.spp, last.forecast.seconds_left))
+                    said.append((last.spp, last.forecast))
             assert last is not None
             reached.append(curve[-1][1] <= target)
             spent.append(last.spp)
             curves.append(curve)
-            forecasts.append(_forecast_ratio(said, last.spp))
+            forecasts.append(_forecast_totals(said, last.spp))
     known = [f for f in forecasts if f is not None]
     return Stopping(
         target=target,
@@ -64,15 +69,15 @@ def measure(bank: Bank, target: float, runs: int, adaptive: bool = True) -> Stop
         spent=float(np.mean(spent)) / _oracle(curves, target),
         spp=float(np.mean(spent)),
         forecasts=len(known) / runs,
-        near=float(np.mean([abs(f - 1) <= NEAR for f in known])) if known else float("nan"),
+        near=float(np.mean([abs(total - 1) <= NEAR for total, *_ in known])) if known else float("nan"),
+        held=float(np.mean([low <= 1 <= high for _, low, high in known])) if known else float("nan"),
     )
 
 
 def _rounds(bank: Bank, target: float, settings: renderer.Settings):
     """Snapshots of a run at every planned checkpoint, with time counted in samples per pixel."""
-    from renderer import progress
-
     n = bank.values.shape[1]
+    size = bank.settings.replicate_size or 1
 
     class Clock:
         """A clock that the samples drive: forecasts are then about the curve, not about this machine."""
@@ -90,25 +95,26 @@ def _rounds(bank: Bank, target: float, settings: renderer.Settings):
 
     class Timed:
         def launch(self, pixels, replicates, seed):
-            clock.now += len(pixels) * 16 / n
+            clock.now += len(pixels) * size / n
             return inner.launch(pixels, replicates, seed)
 
     with (
         patch.object(progress, "time", clock),
         patch.object(progress, "MIN_SNAPSHOT_SECONDS", 0.0),
         patch.object(progress, "MAX_SNAPSHOT_SECONDS", 0.0),
+        patch.object(plan, "FIRST_SAMPLES", int(FIRST_PASS * n * size)),
+        patch.object(plan, "MIN_PASS_SAMPLES", int(LATER_PASS * n * size)),
         patch.object(Scene, "kernel", lambda self, settings: Timed()),
     ):
-        goal = renderer.Target(error=target, spp=len(bank.values) * 64)
+        goal = renderer.Target(error=target, spp=len(bank.values) * 4 * size)
         yield from renderer.progressive(bank.scene, goal, settings)
 
 
-def _forecast_ratio(said: list[tuple[float, float]], end: float) -> float | None:
-    """Forecast total over true total, by the first forecast made after a tenth of the run; None if none was made
-    before a fifth of it."""
+def _forecast_totals(said: list[tuple[float, Forecast]], end: float) -> tuple[float, float, float] | None:
+    """Forecast total over true total, and its interval, by the first forecast that is early enough; None without it."""
     for at, left in said:
-        if at >= FORECAST_AT * end:
-            return (at + left) / end if at <= 2 * FORECAST_AT * end else None
+        if FORECAST_FROM * end <= at <= FORECAST_BEFORE * end:
+            return (at + left.seconds_left) / end, (at + left.low) / end, (at + left.high) / end
     return None
 
 

@@ -151,6 +151,12 @@ def test_many_samples_get_large_replicates_so_that_sixteen_are_left(spp: int, si
     assert replicate_size_for(Settings(), Target(seconds=2, error=0.01), spp / 2) == 16
 
 
+@pytest.mark.parametrize(("error", "size"), [(0.001, 16), (0.05, 16), (0.07, 8), (0.1, 4), (0.2, 2), (5.0, 2)])
+def test_a_loose_error_gets_small_replicates_for_it_is_reached_soon(error: float, size: int) -> None:
+    assert replicate_size_for(Settings(), Target(error=error)) == size
+    assert replicate_size_for(Settings(), Target(error=error, spp=4)) == 1
+
+
 @pytest.mark.parametrize("asked", [1, 2, 64])
 def test_a_replicate_size_that_is_asked_for_is_taken(asked: int) -> None:
     assert replicate_size_for(Settings(replicate_size=asked), Target(spp=4)) == asked

@@ -6,12 +6,17 @@ import math
 
 import pytest
 
-from renderer.estimate.forecast import MAX_CAUTION, MIN_POINTS, OVERSHOOT, CurvePoint, forecast
+from renderer.estimate.forecast import EARLY, MAX_CAUTION, MIN_POINTS, OVERSHOOT, CurvePoint, forecast
 
 
 def ideal(n: int, constant: float = 0.5) -> list[CurvePoint]:
-    """error = constant / √t at n moments."""
-    return [CurvePoint(t, 16 * t, constant / math.sqrt(t)) for t in (1.3**i for i in range(n))]
+    """error = constant / √t at n moments, late enough that nothing is unseen."""
+    return [CurvePoint(t, 16e6 * t, e, e) for t in (1.3**i for i in range(n)) for e in [constant / math.sqrt(t)]]
+
+
+def scaled(point: CurvePoint, factor: float) -> CurvePoint:
+    """The same point with another error, which is its own bound."""
+    return CurvePoint(point.seconds, point.spp, factor * point.error, factor * point.error)
 
 
 @pytest.mark.parametrize("n", range(MIN_POINTS))
@@ -26,7 +31,7 @@ def test_a_curve_that_falls_with_the_root_of_time_is_forecast_exactly(n: int, co
     target = curve[-1].error / 3
     found = forecast(curve, target)
     assert found is not None
-    assert found.seconds_left == pytest.approx((9 * OVERSHOOT - 1) * curve[-1].seconds, rel=1e-9)
+    assert found.seconds_left == pytest.approx((9 * OVERSHOOT - 1) * curve[-1].seconds, rel=1e-6)
     assert found.low < found.seconds_left < found.high
 
 
@@ -39,7 +44,7 @@ def test_a_target_that_is_met_is_no_time_away() -> None:
 
 def test_a_restless_curve_has_the_wider_interval() -> None:
     calm = ideal(12)
-    restless = [CurvePoint(p.seconds, p.spp, p.error * (1.05 if i % 2 else 0.95)) for i, p in enumerate(calm)]
+    restless = [scaled(p, 1.05 if i % 2 else 0.95) for i, p in enumerate(calm)]
     target = calm[-1].error / 4
     a, b = forecast(calm, target), forecast(restless, target)
     assert a is not None
@@ -49,19 +54,19 @@ def test_a_restless_curve_has_the_wider_interval() -> None:
 
 def test_the_beginning_of_the_curve_is_forgotten() -> None:
     late = ideal(12)
-    odd_start = [CurvePoint(p.seconds, p.spp, 9 * p.error) for p in late[:6]] + late[6:]
+    odd_start = [scaled(p, 9.0) for p in late[:6]] + late[6:]
     assert forecast(odd_start, 0.01) == forecast(late, 0.01)
 
 
 def test_points_without_an_error_are_passed_over() -> None:
-    flat = [CurvePoint(float(t), float(t), 0.0) for t in range(1, 9)]
+    flat = [CurvePoint(float(t), float(t), 0.0, 0.0) for t in range(1, 9)]
     assert forecast(flat, 0.02) is None
     assert forecast([*flat[:4], *ideal(4)], 0.02) is not None
 
 
 def test_a_curve_whose_constant_still_drifts_is_not_forecast() -> None:
     settled = ideal(12)
-    drifting = [CurvePoint(p.seconds, p.spp, p.error * 1.1**i) for i, p in enumerate(settled)]
+    drifting = [scaled(p, 1.1**i) for i, p in enumerate(settled)]
     assert forecast(settled, 0.01) is not None
     assert forecast(drifting, 0.01) is None
 
@@ -73,6 +78,27 @@ def bounded(caution: float, n: int = 12) -> list[CurvePoint]:
     return [CurvePoint(p.seconds, p.spp, p.error, p.error * math.exp(excess / math.sqrt(p.spp))) for p in curve]
 
 
+def test_nothing_is_forecast_before_every_pixel_has_a_variance() -> None:
+    early = [CurvePoint(p.seconds, p.spp, p.error) for p in ideal(6)]
+    assert forecast(early, 0.01) is None
+    assert forecast([*early[:-1], *ideal(6)[-1:]], 0.01) is not None, "one bound is enough; the pace is known"
+
+
+def test_what_is_not_seen_of_the_error_at_first_is_added() -> None:
+    few = [CurvePoint(1.0, 16.0, 0.5), CurvePoint(2.0, 32.0, 0.4, 0.4)]
+    found = forecast(few, 0.05)
+    assert found is not None
+    total = 64 * 32 * math.exp(2 * EARLY / 32 * (1 - 1 / 64))
+    assert found.seconds_left == pytest.approx((OVERSHOOT * total - 32) / 16, rel=2e-3)
+
+
+def test_the_farther_the_bound_from_the_error_the_wider_the_interval() -> None:
+    near, far = forecast(bounded(1.05), 0.01), forecast(bounded(1.4), 0.01)
+    assert near is not None
+    assert far is not None
+    assert far.high / far.seconds_left > 1.2 * near.high / near.seconds_left
+
+
 @pytest.mark.parametrize("caution", [1.0, 1.1, 1.4])
 def test_the_forecast_is_of_the_bound_that_stops_the_render(caution: float) -> None:
     curve = bounded(caution)
@@ -81,7 +107,7 @@ def test_the_forecast_is_of_the_bound_that_stops_the_render(caution: float) -> N
     target = last.error / math.sqrt(times) * caution ** (1 / math.sqrt(times))
     found = forecast(curve, target)
     assert found is not None
-    assert found.seconds_left == pytest.approx((times * OVERSHOOT - 1) * last.seconds, rel=1e-9)
+    assert found.seconds_left == pytest.approx((times * OVERSHOOT - 1) * last.seconds, rel=1e-6)
 
 
 def test_nothing_is_forecast_while_the_tail_decides() -> None:
