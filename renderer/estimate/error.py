@@ -8,7 +8,7 @@ measure against a reference, for tests and benchmarks.
 `upper` is the upper confidence bound of the true error. It differs from `error` in three ways:
 - A pixel that found one bright value early has a large mean for the same reason as a large variance, and their ratio
   hides it. The more its variance is that of one value, and the fewer its replicates, the more its mean is taken from
-  its neighbours.
+  its neighbours, or, at the edge of a lamp, from what it would be without its brightest replicate.
 - The mean over pixels is one of finitely many independent terms, and the truth is another: both spread. A term that is
   estimated from n replicates of skewness γ has the relative variance 2/(n − 1) + 3γ²/n of an estimated variance (its
   kurtosis taken as that of a gamma distribution, 1.5 γ²), and the true squared error spreads by 2 + 3γ²/n around it.
@@ -34,6 +34,7 @@ LOOKS = 2.0  # the chance of a false stop is shared among this many looks that d
 WINDOW = 7
 SINGLE = 2.0  # a share of 1/SINGLE of the variance in one value is taken as all of it
 FEW = 4.0  # replicates, of which a pixel's mean is doubted in any case; of n it is by FEW/n
+WITHOUT = 0.2  # how far a doubted mean is taken to be that without its brightest replicate, where neighbours are bright
 MOST_DOUBT = 8.0  # times what the pixel says itself: the edge of a light is no rare value
 
 
@@ -137,15 +138,24 @@ def _careful(moments: Moments, width: int, floor: float) -> tuple[NDArray[np.flo
     shape = (len(moments.count) // width, width)
     single = np.minimum(moments.skewness() ** 2 / np.maximum(moments.count, 1), 1.0)
     doubt = np.minimum(np.maximum(SINGLE * single, FEW / np.maximum(moments.count, 1)), 1.0)
+    without = 1 - WITHOUT * (1 - _share_without_brightest(moments))
     others = np.maximum(pixels_within(shape, WINDOW) - 1.0, 1.0).ravel()
     result = np.zeros(len(single))
     variance = moments.variance_of_mean()
     for c in range(3):
         mean = moments.mean[:, c]
         around = (box_sum(np.ascontiguousarray(mean).reshape(shape), WINDOW).ravel() - mean) / others
-        believed = mean + doubt * (np.minimum(np.abs(mean), np.maximum(around, 0.0)) - mean)
+        believed = mean + doubt * (np.minimum(without * np.abs(mean), np.maximum(around, 0.0)) - mean)
         result += variance[:, c] / np.maximum(believed**2 + floor, (mean**2 + floor) / MOST_DOUBT)
     return result / 3.0, single
+
+
+def _share_without_brightest(moments: Moments) -> NDArray[np.float64]:
+    """(n,) mean luminance without the brightest replicate over that with it, at most 1."""
+    total = np.abs(moments.luminance()) * moments.count
+    rest = np.maximum(total - moments.largest, 0.0) * moments.count
+    all_of_them = total * np.maximum(moments.count - 1, 1)
+    return np.minimum(np.divide(rest, all_of_them, out=np.ones_like(rest), where=all_of_them > 0), 1.0)
 
 
 def rel_mse(image: NDArray, reference: NDArray) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderer.estimate.error import MIN_MEASURED, image_error, pixel_rel_mse, rel_mse
+from renderer.estimate.error import MIN_MEASURED, _careful, floor_of, image_error, pixel_rel_mse, rel_mse
 from renderer.estimate.moments import Moments
 
 
@@ -53,6 +53,17 @@ def plain_error(values: NDArray[np.float64]) -> float:
 def test_the_error_is_its_formula(n_pixels: int) -> None:
     values = noise(n_pixels, 5)
     assert error_of(moments_of(values)) == pytest.approx(plain_error(values), rel=1e-12)
+
+
+def test_a_sliver_of_a_lamp_seen_once_is_doubted_though_its_neighbours_are_bright() -> None:
+    values = np.random.default_rng(2).uniform(0.9, 1.1, (20, 400, 3))
+    sliver = 210
+    values[:, :, :] *= np.where(np.abs(np.arange(400) % 20 - 13) < 3, 30.0, 1.0)[:, None]
+    values[7, sliver] = 60.0
+    flashed = moments_of(values)
+    careful, _ = _careful(flashed, 20, floor_of(flashed.mean))
+    assert careful[sliver] > 1.1 * pixel_rel_mse(flashed)[sliver], "more than the pixel says itself"
+    assert np.median(careful / pixel_rel_mse(flashed)) < 1.02, "the others are believed"
 
 
 @pytest.mark.parametrize("scale", [1e-20, 1e-3, 1e3, 1e20])
