@@ -95,7 +95,7 @@ class Lesson:
             return Vertex(is_hit=False)
         flags = _only(si.bsdf().flags())
         emitter = si.emitter(self.scene.mitsuba_scene)
-        light = _color(emitter.eval(si), self.ray.wavelengths)
+        light = PathKernel.to_rgb(emitter.eval(si), self.ray.wavelengths)
         return Vertex(
             is_hit=True,
             position=_triple(si.p),
@@ -140,7 +140,7 @@ class Lesson:
         v, u = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij")
         wo = _direction(mi.Float(_floats(u)), mi.Float(_floats(v)), self.polar_range)
         value = self.si.bsdf().eval(mi.BSDFContext(), self.si, wo)
-        rgb = np.array(_color(value, self.ray.wavelengths), dtype=np.float32)
+        rgb = np.array(PathKernel.to_rgb(value, self.ray.wavelengths), dtype=np.float32)
         return np.broadcast_to(rgb.reshape(3, -1).T, (rows * columns, 3)).reshape(rows, columns, 3)
 
     def directions(self, technique: str, n: int, seed: int = 0) -> Drawn:
@@ -269,11 +269,3 @@ def _triple(vector: Any) -> tuple[float, float, float]:
 
 def _floats(values: NDArray[np.float64]) -> NDArray[np.float32]:
     return values.ravel().astype(np.float32)
-
-
-def _color(value: Any, wavelengths: Any) -> Any:
-    if mi.is_monochromatic:
-        return mi.Color3f(value.x)
-    if mi.is_spectral:
-        return mi.spectrum_to_srgb(value, wavelengths)
-    return mi.Color3f(value)
