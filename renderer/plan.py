@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 FIRST_REPLICATES = 2
 FIRST_SAMPLES = 2**17  # of the first pass: a picture within a fraction of a second
+SOON_PASSES = 4  # that the first whole picture may take with as many replicates everywhere as at first
 MIN_PASS_SAMPLES, MAX_PASS_SAMPLES = 2**17, 2**22
 PASS_SECONDS = 0.2  # aimed at: how long a stop, a pause or another job waits
 MIN_REPLICATES_TO_STOP = 4  # before an error target can be believed
@@ -90,7 +91,7 @@ def next_round(
     elif low < ADAPTIVE_FROM:
         n_replicates = min(room if is_checked else ADAPTIVE_FROM, next_checkpoint(low) - low)
     else:
-        n_replicates = next_checkpoint(low) - low if is_checked else max(min(room, low), low // 2)
+        n_replicates = next_checkpoint(low) - low if is_checked else low
     n_replicates = min(n_replicates, max(room, MOST_TOGETHER))
     n_replicates = int(max(1, min(n_replicates, samples_left / (replicate_size * n))))
     if replicates_wanted is not None:
@@ -196,7 +197,9 @@ def _first_round(
         done = done.copy()
         done[grid] = True
         stride //= 2
-        n_replicates = 1
+        # Paths of the same pixel are alike: two go together where nobody waits much longer for the whole picture.
+        is_soon = FIRST_REPLICATES * replicate_size * width * height <= SOON_PASSES * pass_samples()
+        n_replicates = FIRST_REPLICATES if is_soon and replicates_wanted != 1 else 1
 
 
 def coarse_stride(width: int, height: int, replicate_size: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from urllib.parse import quote
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -19,6 +20,9 @@ _NOT_BUILT = page(
 <p>Run <code>make run</code> in the project's folder: it builds the page and starts the service.
 The API works without it: see <a href="docs">its documentation</a>.</p>""",
 )
+
+
+VIEWS = ("jobs", "learn")  # what the page shows stands after `#`; addresses are typed, and cut, without it
 
 
 class Page(StaticFiles):
@@ -40,7 +44,16 @@ class Page(StaticFiles):
             return HTMLResponse(_NOT_BUILT, headers={"Cache-Control": "no-cache"})
         if not self._index.is_file() and scope["method"] in ("GET", "HEAD"):
             raise HTTPException(404)
+        if path.split("/")[0] in VIEWS and "text/html" in Request(scope).headers.get("accept", ""):
+            return RedirectResponse(_with_hash(path, scope), status_code=307)
         response = await super().get_response(path, scope)
         is_hashed = path.startswith("assets/") and response.status_code in (200, 304)
         response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if is_hashed else "no-cache"
         return response
+
+
+def _with_hash(path: str, scope: Scope) -> str:
+    """The address of a view, relative to where it was asked for, so that it holds behind a prefix as well."""
+    depth = scope["path"].removeprefix(scope.get("root_path", "")).count("/") - 1
+    query = scope["query_string"].decode("latin-1")
+    return f"{'../' * depth or './'}#/{quote(path)}" + (f"?{query}" if query else "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 from typing import Any
+from urllib.parse import urljoin
 
 import httpx
 import pytest
@@ -285,3 +286,19 @@ def test_health_and_page(client: httpx.Client) -> None:
     assert page.status_code == 200
     assert page.headers["Cache-Control"] == "no-cache"
     assert "Fredholm" in page.text
+
+
+@pytest.mark.parametrize(
+    ("typed", "leads_to"),
+    [
+        ("/jobs/abc?view=error", "/#/jobs/abc?view=error"),
+        ("/jobs/", "/#/jobs"),
+        ("/learn", "/#/learn"),
+        ("/learn/a%20b%23?x=1", "/#/learn/a%20b%23?x=1"),
+    ],
+)
+def test_an_address_that_lost_its_hash_leads_to_the_page(client: httpx.Client, typed: str, leads_to: str) -> None:
+    answer = client.get(typed, headers={"Accept": "text/html,*/*;q=0.8"})
+    assert answer.status_code == 307
+    assert urljoin(typed, answer.headers["Location"]) == leads_to
+    assert client.get(typed).status_code == 404, "programs are told that nothing is there"

@@ -76,7 +76,7 @@ def test_the_first_round_gives_every_pixel_its_first_replicates_once(
     ("low", "is_checked", "left", "together"),
     [
         (1, False, math.inf, 3),  # until adaptive rounds may begin
-        (10, False, math.inf, 5),
+        (10, False, math.inf, 10),
         (10, False, 3.2, 3),  # all pixels have their share before the time is over
         (10, False, 0.1, 1),
         (100, False, math.inf, MOST_TOGETHER),
@@ -181,6 +181,18 @@ def test_the_first_pass_is_a_regular_grid_that_fits_its_samples(width: int, heig
     assert stride & (stride - 1) == 0
     expected = [(r, c) for r in range(0, height, stride) for c in range(0, width, stride)]
     assert sorted(zip(rows.tolist(), columns.tolist(), strict=True)) == expected
+
+
+@pytest.mark.parametrize(("pass_samples", "finer"), [(2**17, 2), (2**16, 1)])
+def test_the_first_whole_picture_has_two_replicates_everywhere_where_that_is_soon_done(
+    pass_samples: int, finer: int
+) -> None:
+    """128 × 128 pixels with two replicates of 16 are four passes of 2^17 samples."""
+    passes = list(next_round(np.zeros(128 * 128, np.int64), 128, 128, 16, None, lambda: pass_samples))
+    assert passes[0].n_replicates == FIRST_REPLICATES
+    assert passes[-1].n_replicates == finer
+    alone = list(next_round(np.zeros(128 * 128, np.int64), 128, 128, 16, 1, lambda: pass_samples))
+    assert {work.n_replicates for work in alone} == {1}
 
 
 def test_a_small_image_is_whole_at_once() -> None:
