@@ -7,7 +7,7 @@ one box filter. Renders take turns, both warm; the medians of several rounds are
 over the rounds says how far to believe it: where fireflies decide, it is wide, and such a scene is measured again in
 renders of ten times the length (†). `99 %` is the same without the worst hundredth of the pixels. Beside them: rays per
 second, as a share of what the same rays take when they are cast alone; the first picture of a new process and of a warm
-one; peak memory. All shared surface scenes and the gallery by default: about half an hour. Results are kept line by
+one; peak memory. All shared surface scenes and the gallery by default: about forty minutes. Results are kept line by
 line: the same command again goes on where it was stopped; `--again` starts over.
 """
 
