@@ -21,18 +21,20 @@ TOLERANCE = 1e-5
 
 
 class Matte:
-    """bsdfs: those of a scene. `is_empty` where none is plain, `are_all` where every one is."""
+    """bsdfs: those of a scene; is_complete: whether no surface has another, as parts of instances have. `is_empty`
+    where none is plain, `are_all` where every one is.
+    """
 
-    def __init__(self, bsdfs: list[Any]) -> None:
+    def __init__(self, bsdfs: list[Any], is_complete: bool = True) -> None:
         bsdfs = list({registry_id(bsdf): bsdf for bsdf in bsdfs if bsdf is not None}.values())
         candidates = [] if mi.is_spectral else [bsdf for bsdf in bsdfs if _may_be_plain(bsdf)]
         plain = {i: sides for i, sides in _reflectances(candidates).items() if sides is not None}
         self.is_empty = not plain
-        self.are_all = len(plain) == len(bsdfs)
+        self.are_all = is_complete and len(plain) == len(bsdfs)
         if self.is_empty:
             return
-        self.last = max(map(registry_id, bsdfs))
-        rows = np.zeros((self.last + 1, 2, 4), np.float32)
+        self.beyond = max(map(registry_id, bsdfs)) + 1  # a row of nothing, for all that is not listed
+        rows = np.zeros((self.beyond + 1, 2, 4), np.float32)
         for i, (front, back) in plain.items():
             rows[i, 0, :3], rows[i, 1, :3], rows[i, :, 3] = front, back, 1
         self._rows = table(rows.ravel(), mi.Float)
@@ -73,7 +75,7 @@ class Matte:
         cosine = mi.Frame3f.cos_theta(si.wi)
         side = dr.select(cosine < 0, mi.Float(-1), 1)
         found_id: Any = dr.reinterpret_array(mi.UInt32, bsdf)
-        at = dr.minimum(found_id, mi.UInt32(self.last))
+        at = dr.minimum(found_id, mi.UInt32(self.beyond))
         found = dr.gather(mi.Vector4f, self._rows, 2 * at + dr.select(cosine < 0, mi.UInt32(1), 0), active)
         reflectance = mi.Color3f(found.x, found.y, found.z)
         return mi.Spectrum(found.x) if mi.is_monochromatic else reflectance, side, found.w > 0

@@ -96,7 +96,8 @@ class PathKernel:
         self.camera = camera_of(sensor)
         self.model = model
         self.filter = PixelFilter(mi, sensor.film().rfilter())
-        matte = Matte([shape.bsdf() for shape in scene.shapes()])
+        shapes = list(scene.shapes())
+        matte = Matte([s.bsdf() for s in shapes], not any(s.class_name() == "Instance" for s in shapes))
         self.directions = Directions(model.technique, model.splits_lobes, matte)
         self.rays = TreeRays(scene) if model.has_tree else ListRays(scene, listed(scene), model.needs_uv)
         surveys = model.samples_emitters and model.surveys_lights
