@@ -70,7 +70,7 @@ def forecast(curve: Sequence[CurvePoint], target: float) -> Forecast | None:
 
 def _caution(point: CurvePoint) -> float:
     """The bound over the error, at least 1."""
-    return 1.0 if point.upper is None else max(1.0, point.upper / point.error)
+    return max(1.0, (point.upper or 0.0) / point.error)
 
 
 def _samples(point: CurvePoint, target: float) -> float:

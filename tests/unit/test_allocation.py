@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from renderer import allocation
 from renderer.allocation import EVEN_GROWTH, FLOOR_SHARE, GROWTH, MAX_GROWTH, MOST_GROWTH, _is_even, next_counts
 from renderer.estimate.moments import Moments
 
@@ -151,6 +152,12 @@ def test_shares_are_judged_by_what_they_were_not_made_of() -> None:
     assert _is_even(share, even, even)
     assert not _is_even(share, chance, even), "here they do"
     assert _is_even(share, chance, share), "but not where those pixels cost more as well"
+
+
+def test_counts_that_the_pixels_themselves_do_not_bear_out_are_not_aimed_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    chance = np.random.default_rng(4).lognormal(0.0, 1.0, N)
+    monkeypatch.setattr(allocation, "_wanting", lambda *_: (chance, 1.0))
+    assert len(set(next_counts(moments_of(np.full(N, 0.5)), WIDTH, HEIGHT))) == 1
 
 
 def test_a_round_has_the_least_that_is_asked_for_within_a_limit() -> None:

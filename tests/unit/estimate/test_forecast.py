@@ -88,6 +88,7 @@ def test_what_is_not_seen_of_the_error_at_first_is_added() -> None:
     few = [CurvePoint(1.0, 16.0, 0.5), CurvePoint(2.0, 32.0, 0.4, 0.4)]
     found = forecast(few, 0.05)
     assert found is not None
+    assert found.seconds_left > 1.02 * (OVERSHOOT * 64 * 32 - 32) / 16
     total = 64 * 32 * math.exp(2 * EARLY / 32 * (1 - 1 / 64))
     assert found.seconds_left == pytest.approx((OVERSHOOT * total - 32) / 16, rel=2e-3)
 
