@@ -7,7 +7,7 @@ HOST ?= 127.0.0.1
 # A fixed file instead of the newest releases: the two commands stay repeatable.
 LOCK := docker/requirements.lock
 
-.PHONY: run test check bench load test-long test-oracle extremes fuzz coverage page thumbnails lock clean help
+.PHONY: run test check bench load test-long test-oracle extremes fuzz chaos crowd coverage page thumbnails lock clean help
 
 help: ## Say what each target does
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -51,11 +51,17 @@ bench: $(VENV)/.ready ## Speed and error at equal time against Mitsuba's path, a
 extremes: $(VENV)/.ready ## Light kept at every scale and distance, with Mitsuba's beside it
 	$(BIN)/python -m tests.extremes
 
-fuzz: page ## Ten thousand mutated uploads with fresh seeds
-	$(BIN)/python -m pytest -m fuzz -s tests/faults
+fuzz: page ## Twenty thousand mutated uploads with fresh seeds
+	$(BIN)/python -m pytest -o faulthandler_timeout=7200 -m fuzz -s tests/faults
+
+chaos: page ## Two hundred faults of all kinds, half on each database: nothing acknowledged is lost
+	FREDHOLM_CHAOS_COUNT=$${FREDHOLM_CHAOS_COUNT:-100} $(BIN)/python -m pytest -o faulthandler_timeout=7200 -m slow -s tests/service/test_chaos.py
 
 load: $(VENV)/.ready ## The service under 200 jobs, 50 streams and 20 pollers, as a table
 	$(BIN)/python -m tests.load
+
+crowd: $(VENV)/.ready ## The service among hostile clients of each kind, as a table
+	$(BIN)/python -m tests.crowd
 
 thumbnails: $(VENV)/.ready ## Render the gallery's thumbnails again
 	$(BIN)/python -m renderer.scene.gallery.make_thumbnails

@@ -22,8 +22,8 @@ from renderer.estimate.error import floor_of
 from renderer.estimate.interval import MIN_REPLICATES
 from renderer.estimate.moments import Moments
 from renderer.estimate.neighbours import box_sum, doubled, event_rate, halved
+from renderer.stopping import CHECKPOINT_GROWTH
 
-GROWTH = 1.15  # of all replicates, per round
 MOST_GROWTH = 1.5  # of a round whose planning would otherwise take a notable part of the time
 EVEN_GROWTH = 2.0  # of one that nothing is to be gained by
 EVEN = 0.93  # of the error of equal numbers: what the aimed ones must leave for equal ones to be preferred
@@ -42,7 +42,7 @@ STEPS, CLOSE = 60, 1e-9  # of the search for the level that a budget fills, and 
 def next_counts(
     moments: Moments, width: int, height: int, focus: NDArray[np.bool_] | None = None, least: float = 0.0
 ) -> NDArray[np.int64]:
-    """(n,) replicates of each pixel at the end of the next round; in all, GROWTH times what there is.
+    """(n,) replicates of each pixel at the end of the next round; in all, CHECKPOINT_GROWTH times what there is.
 
     focus: (n,) pixels whose error counts; the others get the floor alone. least: replicates per pixel, in the mean,
     that a round shall have, within MOST_GROWTH: planning is not free. For the same reason, where the counts that would
@@ -66,7 +66,7 @@ def next_counts(
         limit = EVEN_GROWTH
         if int(moments.tried.min()) == int(moments.tried.max()):
             return np.full_like(moments.tried, math.ceil(limit * now))
-    mean = min(max(GROWTH * now, now + least), limit * now)
+    mean = min(max(CHECKPOINT_GROWTH * now, now + least), limit * now)
     everywhere = min(MIN_REPLICATES, EARLY_SHARE * mean)
     more = _poured(share, tried, everywhere, max(1.0, (mean - now) * n))
     # Fractions are rounded up or down by a fixed pattern that differs from round to round.
@@ -124,7 +124,8 @@ def _wanting(moments: Moments, own: NDArray[np.float64], width: int, height: int
         if wanting.shape != total.shape:
             between = shapes[: k + 1] if k == OWN_LEVELS else [total.shape]
             wanting, events = _spread(np.stack((wanting, events)), between)
-        expected = np.minimum(replicates * events, 1e12)
+        # Of a single pixel nothing is left without itself, and events may be without end.
+        expected = np.minimum(replicates * np.minimum(events, 1e12), 1e12)
         here = total / np.maximum(among, 1.0)
         wanting = (expected * here + EVENTS * wanting) / (expected + EVENTS)
         events = event_rate(total, cubed, among)

@@ -12,8 +12,10 @@ import glob
 import importlib
 import importlib.metadata
 import os
+import platform
 import re
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -104,8 +106,25 @@ def _share_passes() -> None:
         return
 
 
-@cache
+# Mitsuba and Dr.Jit are used by one thread at a time: tracing and loading in two at once ends in other threads' errors,
+# or ends the process. Taken by every way in, before anything is imported that imports Mitsuba.
+one_at_a_time = threading.RLock()
+
+
 def _mitsuba() -> ModuleType:
+    """The `mitsuba` module, with the working variant that was found at first use."""
+    with one_at_a_time:
+        return _first_use()[0]
+
+
+@cache
+def _first_use() -> tuple[ModuleType, str]:
+    """The module and its variant, which stays ours whatever `mitsuba.set_variant` is called with later."""
+    found = _chosen()
+    return found, str(found.variant())
+
+
+def _chosen() -> ModuleType:
     """The `mitsuba` module with a working variant set: `FREDHOLM_VARIANT` if given, else CUDA, else LLVM.
 
     Raises BackendError with one sentence that says what is missing.
@@ -154,7 +173,12 @@ class _ActiveMitsuba:
     """The `mitsuba` module as the variant in use has it; see `using`."""
 
     def __getattr__(self, name: str) -> Any:
-        if (active := _active.get()) is not None:
+        active = _active.get()
+        if active is None:
+            mi, own = _first_use()
+            if mi.variant() != own:  # the process has gone on to another one
+                active = own, importlib.import_module(f"mitsuba.{own}")
+        if active is not None:
             if name == "variant":
                 return lambda: active[0]
             if (found := getattr(active[1], name, None)) is not None:
@@ -174,6 +198,11 @@ def mitsuba() -> Any:
     return _ACTIVE_MITSUBA
 
 
+def mitsuba_folder() -> Path:
+    """Where Mitsuba's package and its own data lie."""
+    return Path(str(_mitsuba().__file__)).parent
+
+
 @contextmanager
 def using(variant: str) -> Iterator[None]:
     """Inside, `mitsuba()` is this variant. Scenes of several variants then live side by side in a process.
@@ -189,21 +218,33 @@ def using(variant: str) -> Iterator[None]:
         _active.reset(token)
 
 
-def variant_for(colour: str, is_coloured: bool) -> str:
+def variant_for(colour: str, is_coloured: bool, is_spectral: bool = False, is_polarised: bool = False) -> str:
     """The variant that computes with `colour`: mono, rgb or spectral; auto is the leanest that the scene allows.
 
-    `FREDHOLM_VARIANT`, or a variant that was set before, decides for auto. Raises BackendError for an unknown one.
+    is_spectral: whether the scene allows nothing else. Otherwise `FREDHOLM_VARIANT`, or a variant that was set before,
+    decides for auto. is_polarised: whether light is; Mitsuba 3.9 has no variant for that in rgb, and auto is spectral
+    where there is colour. Raises BackendError for an unknown one.
     """
-    mi = _mitsuba()
-    own = str(mi.variant())
+    with one_at_a_time:
+        mi, own = _first_use()
+    if colour == "auto" and is_spectral:
+        colour = "spectral"
     if colour == "auto":
         if os.environ.get("FREDHOLM_VARIANT") or not own.endswith("_rgb") or is_coloured:
-            return own
-        colour = "mono"
-    wanted = f"{own.rsplit('_', 1)[0]}_{colour}"
+            colour = own.rsplit("_", 1)[1]
+            colour = "spectral" if is_polarised and colour == "rgb" and is_coloured else colour
+            colour = "mono" if is_polarised and colour == "rgb" else colour
+        else:
+            colour = "mono"
+    wanted = f"{own.rsplit('_', 1)[0]}_{colour}{'_polarized' if is_polarised else ''}"
     if wanted not in mi.variants():
         raise BackendError(f"colour is {colour!r}, and this Mitsuba has no variant {wanted}; it has {mi.variants()}")
     return wanted
+
+
+def colour_of(variant: str) -> str:
+    """How radiance depends on wavelength in a variant: mono, rgb or spectral."""
+    return variant.split("_")[2]
 
 
 def versions() -> dict[str, str]:
@@ -216,3 +257,11 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             found[key] = "unknown"
     return found
+
+
+def made_with(variant: str) -> str:
+    """What decides about the bits of an image beside scene and settings: versions, and the kind of device."""
+    known = versions()
+    named = ", ".join(f"{name} {known[name]}" for name in ("fredholm", "mitsuba", "drjit"))
+    kind = variant.partition("_")[0]
+    return f"{named}, {kind} on {platform.machine()}" if kind == "llvm" else f"{named}, {kind}"

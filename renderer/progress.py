@@ -5,38 +5,56 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from renderer import allocation, plan
-from renderer.errors import CheckpointError
-from renderer.estimate.error import ImageError, image_error
-from renderer.estimate.estimate import Estimate, Identity
+from renderer.audit.missing import missing_of
+from renderer.backend import one_at_a_time
+from renderer.errors import SettingsError
+from renderer.estimate.error import Missing
+from renderer.estimate.estimate import Estimate
 from renderer.estimate.forecast import CurvePoint, Forecast, forecast
 from renderer.estimate.health import Health
 from renderer.estimate.moments import Moments
-from renderer.settings import DEFAULT_CONFIDENCE, Settings, Target, replicate_size_for
+from renderer.resolve import Resolved, resolve
+from renderer.scene.parameters import Source
+from renderer.settings import Settings, Target
+from renderer.state import RenderState
+from renderer.stopping import Reason, StopRule
 
 if TYPE_CHECKING:
+    from renderer.equation.launch import Launch, SharedLaunch
     from renderer.scene.compile import Scene
 
 MIN_SNAPSHOT_SECONDS, MAX_SNAPSHOT_SECONDS = 0.25, 0.35  # of rendering between two snapshots
-CURVE_GROWTH = 1.1
 SAMPLES_PER_SECOND = {False: 2e6, True: 1e7}  # that two processors render at least, by Scene.is_listed
-ROUND_SECONDS = 3e-5  # per pixel, that a round shall take; its planning and adding take some 7e-7
-SNAPSHOT_SHARE = 0.1  # of the render time that making snapshots may take,
-MAX_SNAPSHOT_SHARE = 0.3  # or this much where a viewer would otherwise wait for longer than a moment
+ROUND_SECONDS = 3e-5  # per pixel, that an adaptive round shall take at least: its planning and adding take some 7e-7
+BRIEF_SECONDS = 10.0  # shorter renders that ask for no error have no audit, which would take a notable part
+AUDIT_SECONDS = 1.0  # that an audit takes, about: it is not begun where the target's time leaves less,
+AUDIT_RESERVE = 5.0  # or less than this where no error is asked for: the first one of a scene compiles
+LIGHT_CHECK_SECONDS = 0.2  # that a first check of the lights may take; where it has compiled, some milliseconds
+NOT_AUDITED = (
+    "light by way of mirrors and clear glass was not looked for, this render was too brief for that: where samples "
+    "hardly ever meet such light, error and trust do not know of it; ask for an error, or render for longer than "
+    f"{BRIEF_SECONDS + AUDIT_RESERVE:.0f} s"
+)
+# Of the render time, that making snapshots may take; and where a viewer would otherwise wait for MAX_SNAPSHOT_SECONDS.
+SNAPSHOT_SHARE, MAX_SNAPSHOT_SHARE = 0.1, 0.3
+# Where nobody looks before the end: snapshots only keep the curve, and passes are longer, for what a pass costs beside
+# its samples is the same for all.
+UNSEEN_SHARE, UNSEEN_PASS_SECONDS = 0.01, 1.0
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The state of a render at a sequence number. error: None while not known. seconds: render time alone.
+    """The state of a render at a sequence number. seconds: render time alone.
 
-    upper: what the error is below, with the confidence that the target asks for. curve: error over time so far.
+    error: of this picture, None where it cannot be said, and then unknown says why. upper: what the error is below,
+    with the confidence that the target asks for; the bound decides about an error target. curve: both over time so far.
+    short: that the target's time is too short for the image, from the first snapshot on while pixels have no sample.
     health: what to know before believing the image. stopped_by: error, seconds, spp or interrupted, on the last one.
     """
 
@@ -51,13 +69,15 @@ class Snapshot:
     invalid: int
     forecast: Forecast | None
     curve: tuple[CurvePoint, ...]
-    stopped_by: str | None
+    stopped_by: Reason | None
     upper: float | None = None
+    unknown: str | None = None
+    short: str | None = None
     health: Health = field(default_factory=Health)
 
 
 def progressive(
-    scene: Scene | str | Path | dict[str, Any],
+    scene: Scene | Source,
     target: Target,
     settings: Settings | None = None,
     *,
@@ -69,61 +89,84 @@ def progressive(
     scene: a loaded scene or anything that `load_scene` takes. start: an estimate to go on from (same scene, settings
     and seed). should_stop: asked between passes; True ends with stopped_by = "interrupted".
     Being suspended between snapshots costs nothing: seconds count render time only. The first snapshot comes after the
-    first coarse pass, later ones at most every quarter second of rendering. Equal settings and seed give equal
-    moments, whatever the timing, and a render that was resumed equals one that was not.
+    first coarse pass, later ones at most every quarter second of rendering.
+
+    Equal settings and seed give equal moments, whatever the timing, and a render that was resumed equals one that was
+    not. Where the target is a time and no replicate size is asked for, the size follows from the pace of the machine,
+    measured before the clock starts: it is then among the resolved settings, and replay and resume are as exact.
     """
+    for snapshot in steps(scene, target, settings, start=start, should_stop=should_stop):
+        if snapshot is not None:
+            yield snapshot
+
+
+def steps(
+    scene: Scene | Source,
+    target: Target,
+    settings: Settings | None = None,
+    *,
+    start: Estimate | None = None,
+    should_stop: Callable[[], bool] | None = None,
+    is_watched: bool = True,
+) -> Iterator[Snapshot | None]:
+    """As `progressive`, with None wherever else it may be suspended: within a pass whose paths are long.
+
+    In a closed room of white walls a single replicate may take minutes; whoever renders other scenes as well need not
+    wait for it. is_watched: whether somebody looks at snapshots before the last one; if not, there are few.
+    """
+    inner = _progressive(scene, target, settings, start, should_stop, is_watched)
+    while True:
+        # One thread at a time: several renders in several threads take turns, step by step.
+        with one_at_a_time:
+            try:
+                step = next(inner)
+            except StopIteration:
+                return
+        yield step
+
+
+def _progressive(
+    scene: Scene | Source,
+    target: Target,
+    settings: Settings | None,
+    start: Estimate | None,
+    should_stop: Callable[[], bool] | None,
+    is_watched: bool,
+) -> Iterator[Snapshot | None]:
     from renderer.scene.compile import Scene, load_scene
 
+    _check_kinds(target, settings, start)
     asked = settings or Settings()
     loaded = scene.sized(asked) if isinstance(scene, Scene) else load_scene(scene, settings=asked)
-    # By what is known beforehand, not by the clock: equal questions have equal answers.
-    pace = SAMPLES_PER_SECOND[loaded.is_listed] / (loaded.width * loaded.height)
-    size = start.replicate_size if start and asked.replicate_size is None else replicate_size_for(asked, target, pace)
-    resolved = loaded.resolved(asked, size)
-    identity = identity_of(loaded, resolved)
-    if start is not None:
-        _check_resumable(start, identity)
-    yield from _Render(loaded, target, resolved, identity, start).run(should_stop or (lambda: False))
+    question = resolve(loaded, target, asked, start)
+    yield from _Render(loaded, target, question, start, is_watched).run(should_stop or (lambda: False))
+
+
+def _check_kinds(target: Any, settings: Any, start: Any) -> None:
+    """Says what was meant where a caller hands something else."""
+    if not isinstance(target, Target):
+        raise SettingsError(f"target is {target!r}; give a Target, for example Target(error=0.05) or Target(spp=64)")
+    if settings is not None and not isinstance(settings, Settings):
+        raise SettingsError(f"settings are {settings!r}; give Settings, for example Settings(width=640)")
+    if start is not None and not isinstance(start, Estimate):
+        raise SettingsError(f"start is {start!r}; give an Estimate, for example Estimate.read(path)")
 
 
 def render(
-    scene: Scene | str | Path | dict[str, Any],
+    scene: Scene | Source,
     target: Target,
     settings: Settings | None = None,
     *,
     start: Estimate | None = None,
 ) -> Estimate:
-    """Renders until the target is reached and returns the estimate."""
+    """Renders until the target is reached and returns the estimate, which has the same bits as by `progressive`: less
+    time goes into what is seen on the way.
+    """
     last: Snapshot | None = None
-    for snapshot in progressive(scene, target, settings, start=start):
-        last = snapshot
-    assert last is not None  # progressive always yields a last snapshot
+    for snapshot in steps(scene, target, settings, start=start, is_watched=False):
+        last = snapshot or last
+    assert last is not None  # there is always a last snapshot
     return last.estimate
-
-
-def identity_of(scene: Scene, resolved: Settings) -> Identity:
-    """What an estimate of this scene with these settings is an estimate of."""
-    kept = {k: v for k, v in resolved.as_dict().items() if k not in ("seed", "channels")}
-    needs = scene.requirements
-    kept |= {"hide_emitters": needs.hide_emitters, "rr_depth": needs.rr_depth, "film": scene.film}
-    return Identity(scene.digest, scene.name, kept, resolved.seed)
-
-
-def _check_resumable(start: Estimate, identity: Identity) -> None:
-    if start.identity.scene != identity.scene:
-        raise CheckpointError(
-            f"the checkpoint is of another scene ({start.identity.scene_name}, "
-            f"digest {start.identity.scene[:12]}) than {identity.scene_name} ({identity.scene[:12]})"
-        )
-    if len(start.ranges) > 1:
-        raise CheckpointError(
-            "the checkpoint is a merge of several seeds; go on from one of its parts, then merge again"
-        )
-    if start.identity.seed != identity.seed:
-        raise CheckpointError(f"the checkpoint has seed {start.identity.seed}, asked is {identity.seed}")
-    for key, value in identity.settings.items():
-        if (had := start.identity.settings.get(key)) != value:
-            raise CheckpointError(f"the checkpoint was made with {key} = {had}, asked is {value}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,51 +174,60 @@ class _Launch:
     """A pass on its way: what it renders, its results to be, when it began and after which snapshot."""
 
     work: plan.Pass
-    lanes: Any
+    lanes: Launch | SharedLaunch
     began: float
     sequence: int
 
 
 class _Render:
-    """The mutable side of one render."""
+    """The mutable side of one render: its state, which is carried on and saved, and its pace, which is not."""
 
     def __init__(
-        self, scene: Scene, target: Target, settings: Settings, identity: Identity, start: Estimate | None
+        self,
+        scene: Scene,
+        target: Target,
+        question: Resolved,
+        start: Estimate | None,
+        is_watched: bool,
     ) -> None:
-        self.scene, self.target, self.settings, self.identity = scene, target, settings, identity
+        self.scene, self.target, self.settings = scene, target, question.settings
+        self.is_watched = is_watched
+        settings = self.settings
         self.size = settings.replicate_size or 1
         self.n = scene.width * scene.height
         self.kernel = scene.kernel(settings)
         # Where no target is looked at, rounds need not be shorter than their planning is worth.
         pace = SAMPLES_PER_SECOND[scene.is_listed] / self.size
         self.least = ROUND_SECONDS * pace if target.error is None else 0.0
-        self.moments = start.moments.copy() if start else Moments.empty(self.n)
-        self.planned = start.planned if start else None
-        self.unseen = scene.cannot_see(settings)
+        self.notes = {"warnings": list(scene.warnings), "cannot_see": list(scene.cannot_see(settings))}
+        self.short = question.short
         self.scope = target.region.scope(scene.width, scene.height) if target.region is not None else None
-        self.seconds = start.seconds if start else 0.0
+        correlation = question.identity.correlation
+        self.rule = StopRule(target, scene.width, self.size, self.scope, settings.adaptive, correlation)
+        empty = Moments.empty(self.n, self.kernel.has_stokes)
+        self.state = RenderState.begun(question.identity, empty, start, *self.rule.question)
+        self.audit = start.audit if start is not None else None
+        self.is_audited = not scene.needs_audit(settings)
+        self.are_lights_checked = False
         self.resumed_at = time.perf_counter()
         self.in_flight: _Launch | None = None
-        self.channels = dict(start.channels) if start else {}
         self.sequence = 0
-        self.curve: list[CurvePoint] = []
-        self.is_shown = False  # a snapshot holds the moments: they are copied before they change
         self.snapshot_cost = 0.0
         self.since_snapshot = 0.0
-        self.speed = 0.0  # samples per second, of the last passes
+        self.speed = question.samples_per_second  # of the last passes
         self.pass_seconds = 0.0  # of the last pass
+        self.sample_segments = 1.0  # path segments of a sample in the last pass, in the mean
 
-    @property
-    def wanted(self) -> int | None:
-        """Replicates per pixel that the target's spp asks for, in the mean."""
-        return None if self.target.spp is None else -(-self.target.spp // self.size)
-
-    def run(self, should_stop: Callable[[], bool]) -> Iterator[Snapshot]:
-        stopped_by = self._stop_reason()
+    def run(self, should_stop: Callable[[], bool]) -> Iterator[Snapshot | None]:
+        stopped_by: Reason | None = self._stop_reason()
         while stopped_by is None:
-            for _ in self._rendered(self._next_round()):
+            for is_added in self._rendered(self._next_round()):
                 if should_stop():
                     stopped_by = "interrupted"
+                elif not is_added:
+                    # A pass is never left because its time is over: those with long paths would be missing.
+                    yield from self._suspended()
+                    continue
                 elif self._is_time_over():
                     stopped_by = "seconds"
                 if stopped_by:
@@ -185,166 +237,191 @@ class _Render:
                     self._count_time()
                     yield snapshot
                     self.resumed_at = time.perf_counter()
-            if self.in_flight is not None:
-                self._add(self.in_flight, self._fetch(self.in_flight))
+            while self.in_flight is not None:
+                if self.in_flight.lanes.step():
+                    self._add(self.in_flight)
+                elif should_stop():
+                    self.in_flight = None
+                else:
+                    yield from self._suspended()
             stopped_by = stopped_by or self._stop_reason()
         yield self._snapshot(stopped_by)
 
-    def _rendered(self, works: Iterator[plan.Pass]) -> Iterator[None]:
-        """Renders passes, one after the other. The next one runs while the last one's results are added, and while the
-        caller looks at a snapshot: no processor waits for that.
+    def _suspended(self) -> Iterator[None]:
+        self._count_time()
+        yield None
+        self.resumed_at = time.perf_counter()
+
+    def _rendered(self, works: Iterator[plan.Pass]) -> Iterator[bool]:
+        """Renders passes, one after the other; says whether one was added, or a part of it has run. The next one runs
+        while the last one's results are added, and while the caller looks at a snapshot: no processor waits for that.
         """
         work = next(works, None)
         while work is not None or self.in_flight is not None:
             launched = self.in_flight or self._launch(work)
             self.in_flight = None
-            results = self._fetch(launched)
+            while not launched.lanes.step():
+                yield False
+            self._note_pace(launched)
             work = next(works, None)
             # Not before the first picture, which nothing shall hold back.
-            if work is not None and self.sequence > 0 and not self._is_time_nearly_over():
+            is_seen = self.sequence > 0 or not self.is_watched
+            if work is not None and is_seen and not self._is_time_nearly_over():
                 self.in_flight = self._launch(work)
-            self._add(launched, results)
-            yield
+            self._add(launched)
+            yield True
 
     def _count_time(self) -> None:
         """Brings `seconds` up to now; suspended time does not count."""
         now = time.perf_counter()
-        self.seconds += now - self.resumed_at
+        self.state.seconds += now - self.resumed_at
         self.since_snapshot += now - self.resumed_at
         self.resumed_at = now
 
     def _is_time_over(self) -> bool:
         self._count_time()
-        return self.target.seconds is not None and self.seconds >= self.target.seconds
+        return self.rule.is_time_over(self.state.seconds)
 
     def _is_time_nearly_over(self) -> bool:
         """Whether a further pass would begin before the one at hand has shown that the time is over."""
         self._count_time()
-        return self.target.seconds is not None and self.seconds + plan.PASS_SECONDS >= self.target.seconds
+        return self.rule.is_time_over(self.state.seconds + min(plan.PASS_SECONDS, self.pass_seconds))
 
     def _next_round(self) -> Iterator[plan.Pass]:
-        tried, s = self.moments.tried, self.scene
+        tried, s, wanted = self.state.moments.tried, self.scene, self.rule.replicates_wanted
         if not self.settings.adaptive or int(tried.min()) < plan.ADAPTIVE_FROM:
-            return self._level_round(self.wanted)
-        if self._is_round_over():
-            self.planned = allocation.next_counts(self.moments, s.width, s.height, self.scope, self.least)
-        assert self.planned is not None
-        if (level := int(self.planned.min())) == int(self.planned.max()) and int(tried.max()) <= level:
-            return self._level_round(level if self.wanted is None else min(level, self.wanted))
-        left = None if self.wanted is None else self.wanted * self.n - int(tried.sum())
-        return plan.planned_round(tried, self.planned, s.width, self.size, left, self._pass_samples)
+            return self._level_round(wanted)
+        if self.state.is_round_over:
+            self.state.planned = allocation.next_counts(self.state.moments, s.width, s.height, self.scope, self.least)
+        assert self.state.planned is not None
+        if (level := int(self.state.planned.min())) == int(self.state.planned.max()) and int(tried.max()) <= level:
+            return self._level_round(level if wanted is None else min(level, wanted))
+        left = None if wanted is None else wanted * self.n - int(tried.sum())
+        return plan.planned_round(tried, self.state.planned, s.width, self.size, left, self._pass_samples)
 
     def _level_round(self, most: int | None) -> Iterator[plan.Pass]:
         s, is_checked = self.scene, self.target.error is not None
         shape = s.width, s.height, self.size
-        return plan.next_round(self.moments.tried, *shape, most, self._pass_samples, is_checked, self._samples_left())
-
-    def _is_round_over(self) -> bool:
-        return self.planned is None or bool((self.moments.tried >= self.planned).all())
+        works = plan.next_round(
+            self.state.moments.tried,
+            *shape,
+            most,
+            self._pass_samples,
+            is_checked,
+            self._samples_left(),
+            is_shared=not self.settings.independent_pixels,
+        )
+        return works if self.is_watched else (work for work in works if not work.is_look)
 
     def _launch(self, work: plan.Pass | None) -> _Launch:
         assert work is not None
         began = time.perf_counter()  # on a single thread the pass is over when the launch returns
-        lanes = self.kernel.launch(*work.lanes(), self.settings.seed)
+        seed = self.settings.seed
+        lanes = self.kernel.look(work.pixels, seed) if work.is_look else self.kernel.begin(*work.lanes(), seed)
         return _Launch(work, lanes, began, self.sequence)
 
-    def _fetch(self, launched: _Launch) -> tuple[NDArray, NDArray, NDArray]:
-        """Waits for a pass and returns its lanes' radiance (n, 3), invalid samples (n,) and path segments (n,)."""
-        radiance, invalid, segments = np.array(launched.lanes[0]).T, *map(np.array, launched.lanes[1:])
-        if launched.sequence == self.sequence:  # else it may have waited for us
+    def _note_pace(self, launched: _Launch) -> None:
+        """What a pass that is done tells of the time and the segments that the next one will take."""
+        samples = launched.work.n_lanes * self.size
+        self.sample_segments = float(launched.lanes.results()[2].sum(dtype=np.int64)) / samples
+        if launched.sequence == self.sequence and not launched.lanes.is_long:  # else it may have waited for us
             self.pass_seconds = time.perf_counter() - launched.began
-            speed = launched.work.n_lanes * self.size / max(self.pass_seconds, 1e-6)
+            speed = samples / max(self.pass_seconds, 1e-6)
             # The first pass may have compiled: a later, faster one replaces it at once.
             self.speed = speed if speed > 2 * self.speed else 0.7 * self.speed + 0.3 * speed
-        return radiance, invalid, segments
 
-    def _add(self, launched: _Launch, results: tuple[NDArray, NDArray, NDArray]) -> None:
-        radiance, invalid, segments = results
-        if self.is_shown:
-            began = time.perf_counter()
-            self.moments, self.is_shown = self.moments.copy(), False
-            self.snapshot_cost += time.perf_counter() - began
-        work = launched.work
-        self.moments.add_runs(work.pixels, work.n_replicates, radiance, invalid, self.size, segments)
+    def _add(self, launched: _Launch) -> None:
+        radiance, invalid, segments = launched.lanes.results()
+        began, work = time.perf_counter(), launched.work
+        if work.is_look:
+            self.state.add_look(work.pixels, radiance.T)
+            return
+        moments = self.state.own_moments()
+        self.snapshot_cost += time.perf_counter() - began
+        moments.add_runs(work.pixels, work.n_replicates, radiance.T, invalid, self.size, segments)
         if launched is self.in_flight:
             self.in_flight = None
 
     def _samples_left(self) -> float:
         """That the target's time leaves, about."""
-        return math.inf if self.target.seconds is None else self.speed * max(0.0, self.target.seconds - self.seconds)
+        return (
+            math.inf if self.target.seconds is None else self.speed * max(0.0, self.target.seconds - self.state.seconds)
+        )
 
     def _pass_samples(self) -> int:
-        return plan.pass_samples_for(self.speed)
+        waits = self.is_watched or self.target.seconds is not None  # somebody, or the end of the time
+        aimed = plan.PASS_SECONDS if waits else UNSEEN_PASS_SECONDS
+        return plan.pass_samples_for(self.speed, self.sample_segments, self.size, self.target.seconds, aimed)
 
     def _is_snapshot_due(self) -> bool:
         cost = self.snapshot_cost
+        if not self.is_watched:
+            return self.since_snapshot >= max(cost / UNSEEN_SHARE, MAX_SNAPSHOT_SECONDS)
         pace = min(max(cost / SNAPSHOT_SHARE, MIN_SNAPSHOT_SECONDS), MAX_SNAPSHOT_SECONDS)
         pace = max(pace, cost / MAX_SNAPSHOT_SHARE)
         # The end of the pass that is nearest to it.
         return self.sequence == 0 or self.since_snapshot + 0.5 * self.pass_seconds >= pace
 
-    def _stop_reason(self) -> str | None:
+    def _stop_reason(self) -> Reason | None:
         """Why to stop now, at the end of a round. Looking at targets here only does not fool them."""
-        tried = self.moments.tried
-        if self.wanted is not None and int(tried.sum()) >= self.wanted * self.n:
-            return "spp"
-        if self._is_time_over():
-            return "seconds"
-        low, is_level = int(tried.min()), int(tried.min()) == int(tried.max())
-        is_planned = plan.is_checkpoint(low) if is_level else self.settings.adaptive and self._is_round_over()
-        if self.target.error is None or not is_planned or low < plan.MIN_REPLICATES_TO_STOP:
-            return None
-        found = self._error(is_trust_wanted=False)
         self._count_time()
-        self._extend_curve(found)
-        return "error" if self._is_reached(found) else None
+        state = self.state
+        if limit := self.rule.limit_reached(state.moments.tried, state.seconds):
+            return limit
+        if not self.rule.is_look(state.moments.tried, state.is_round_over):
+            return None
+        found = self.rule.error(state.moments, self._missing())
+        if self.rule.is_reached(found) and not self.is_audited:
+            if not self._is_audit_affordable(AUDIT_SECONDS):
+                return None  # it goes on to the end of its time: what was not looked for may be missing
+            self._look_for_hidden_light()
+            found = self.rule.error(state.moments, self._missing())
+        self._count_time()
+        state.extend_curve(found, self.size)
+        return "error" if self.rule.is_reached(found) else None
 
-    def _error(self, is_trust_wanted: bool) -> ImageError:
-        return image_error(
-            self.moments,
-            self.scene.width,
-            self.target.error,
-            confidence=self.target.confidence or DEFAULT_CONFIDENCE,
-            scope=self.scope,
-            is_trust_wanted=is_trust_wanted,
-        )
+    def _look_for_hidden_light(self) -> None:
+        """Finds what the technique hardly does; worked out once for a scene, never before the first picture."""
+        self.audit = self.scene.audit(self.settings)
+        self.is_audited = True
 
-    def _is_reached(self, found: ImageError) -> bool:
-        if self.target.error is None:
+    def _is_audit_affordable(self, reserve: float) -> bool:
+        self._count_time()
+        return self.target.seconds is None or self.state.seconds + reserve <= self.target.seconds
+
+    def _is_audit_due(self, stopped_by: Reason | None) -> bool:
+        """Whether hidden light is to be looked for now: where an error is asked for, that is worth any time that there
+        is; elsewhere, once it is a small part of the render."""
+        is_asked = self.target.error is not None
+        if self.is_audited or not (stopped_by or self.sequence > 1):
             return False
-        if self.target.share is not None:
-            return found.share_lower is not None and found.share_lower >= self.target.share
-        return found.upper is not None and found.upper <= self.target.error
+        reserve = AUDIT_SECONDS if is_asked else AUDIT_RESERVE
+        return (is_asked or self.state.seconds >= BRIEF_SECONDS) and self._is_audit_affordable(reserve)
 
-    def _extend_curve(self, found: ImageError) -> None:
-        """Adds a point, unless hardly any time has passed since the last one."""
-        if found.error is None or (self.curve and self.seconds < self.curve[-1].seconds * CURVE_GROWTH):
-            return
-        spp = float(self.moments.count.mean()) * self.size
-        self.curve.append(CurvePoint(self.seconds, spp, found.error, found.upper))
+    def _missing(self) -> Missing:
+        """Light that no sample has met; part of every error that is said or judged."""
+        self.state.missing = missing_of(self.audit, self.state.moments, self.size, self.scope)
+        return self.state.missing
 
-    def _snapshot(self, stopped_by: str | None) -> Snapshot:
+    def _snapshot(self, stopped_by: Reason | None) -> Snapshot:
         began = time.perf_counter()
         self.sequence += 1
-        moments, self.is_shown = self.moments, True
-        found = self._error(is_trust_wanted=False)
-        self._extend_curve(found)
-        missing = tuple(name for name in self.settings.channels if name not in self.channels)
+        state = self.state
+        if self._is_audit_due(stopped_by):
+            self._look_for_hidden_light()
+        is_due = not self.are_lights_checked and (stopped_by or self.sequence > 1)
+        if is_due and self._is_audit_affordable(LIGHT_CHECK_SECONDS):
+            self.are_lights_checked = True
+            self.notes["warnings"] += self.scene.missed_lights(self.settings)
+        found = self.rule.error(state.moments, self._missing())
+        state.extend_curve(found, self.size)
+        wanted = dict.fromkeys((*self.settings.channels, *self.scene.requirements.channels))
+        missing = tuple(name for name in wanted if name not in state.channels)
         if missing and (stopped_by or self.sequence > 1):  # nothing holds the first picture back
-            self.channels |= self.scene.channels(self.settings, missing)
-        estimate = Estimate(
-            width=self.scene.width,
-            height=self.scene.height,
-            replicate_size=self.size,
-            moments=moments,
-            identity=self.identity,
-            seconds=self.seconds,
-            ranges=((self.settings.seed, int(moments.tried.max())),),
-            planned=None if self._is_round_over() else self.planned,
-            channels=dict(self.channels),
-            notes={"warnings": list(self.scene.warnings), "cannot_see": list(self.unseen)},
+            state.channels |= self.scene.channels(self.settings, missing)
+        estimate = replace(
+            state.estimate(self.scene.width, self.scene.height, self.size, self._notes(stopped_by)), audit=self.audit
         )
-        goal = self.target.error
         snapshot = Snapshot(
             sequence=self.sequence,
             estimate=estimate,
@@ -353,14 +430,30 @@ class _Render:
             share_trusted=float(estimate.trust.mean()),
             spp=estimate.spp,
             samples=estimate.samples,
-            seconds=self.seconds,
-            invalid=int(moments.invalid.sum()),
-            forecast=forecast(self.curve, goal) if goal is not None and not stopped_by else None,
-            curve=tuple(self.curve),
+            seconds=state.seconds,
+            invalid=int(state.moments.invalid.sum()),
+            forecast=self._forecast() if not stopped_by else None,
+            curve=state.curve.points,
             stopped_by=stopped_by,
             upper=found.upper,
+            unknown=found.unknown,
+            short=self._said_short(),
             health=estimate.health,
         )
         self.snapshot_cost = time.perf_counter() - began
         self.since_snapshot = 0.0
         return snapshot
+
+    def _forecast(self) -> Forecast | None:
+        is_level_so_far = self.settings.adaptive and float(self.state.moments.tried.mean()) <= plan.ADAPTIVE_FROM
+        goal = self.target.error
+        return None if goal is None else forecast(self.state.curve.points, goal, is_level_so_far)
+
+    def _notes(self, stopped_by: Reason | None) -> dict[str, list[str]]:
+        """For the health: what is known of the scene, of a time that is too short while there are gaps, and, in the
+        end, of light that was not looked for."""
+        said = [self._said_short(), NOT_AUDITED if stopped_by and not self.is_audited and self.audit is None else None]
+        return self.notes | {"warnings": [*filter(None, said), *self.notes["warnings"]]}
+
+    def _said_short(self) -> str | None:
+        return None if self.state.moments.tried.all() else self.short

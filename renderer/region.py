@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,8 +29,10 @@ class Region:
     def __post_init__(self) -> None:
         for name, low in (("x", 0), ("y", 0), ("width", 1), ("height", 1)):
             value = getattr(self, name)
+            value = value.item() if isinstance(value, np.generic) else value
             if isinstance(value, bool) or not isinstance(value, int) or value < low:
                 raise SettingsError(f"region {name} is {value!r}; it must be a whole number of pixels from {low}")
+            object.__setattr__(self, name, value)
         if self.mask is not None and not any(self.mask):
             raise SettingsError("the region's mask is empty; set at least one pixel")
 
@@ -68,6 +71,12 @@ class Region:
             covered = bits.astype(bool).reshape(self.height, self.width)
         inside[self.y : self.y + self.height, self.x : self.x + self.width] = covered
         return inside.ravel()
+
+    @property
+    def name(self) -> str:
+        """Tells it from other regions: x, y, width, height and, of a mask, a digest."""
+        mask = "" if self.mask is None else f" {hashlib.sha256(self.mask).hexdigest()[:16]}"
+        return ",".join(map(str, self.as_list())) + mask
 
     def as_list(self) -> list[int]:
         """[x, y, width, height]."""

@@ -7,16 +7,17 @@ can be looked at again by itself: a firefly, a sample that was not finite, a pix
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from renderer.backend import one_at_a_time
 from renderer.errors import CheckpointError, SettingsError
 from renderer.estimate.estimate import Estimate
 from renderer.estimate.moments import Moments
-from renderer.settings import DEFAULT_REPLICATE_SIZE, Settings
+from renderer.scene.parameters import Source
+from renderer.settings import DEFAULT_REPLICATE_SIZE, STOKES, Settings
 
 if TYPE_CHECKING:
     from renderer.scene.compile import Scene
@@ -24,8 +25,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """Replicates of one pixel. radiance: (n, 3) float32 mean of each one's finite samples. invalid: (n,) samples of
-    each that were not finite. moments: all of them folded, as an estimate holds them for this pixel.
+    """Replicates of one pixel. radiance: (n, 3) float32 mean of each one's finite samples, (n, 12) with S1 to S3.
+    invalid: (n,) samples of each that were not finite. moments: all of them folded, as an estimate holds them for this
+    pixel.
     """
 
     replicates: range
@@ -35,12 +37,22 @@ class Replay:
 
 
 def replay(
-    scene: Scene | str | Path | dict[str, Any],
+    scene: Scene | Source,
     settings: Settings,
     pixel: tuple[int, int],
     replicate: int | range,
 ) -> Replay:
     """Renders replicates of the pixel in column x, row y. Raises SettingsError where there is no such pixel."""
+    with one_at_a_time:
+        return _replayed(scene, settings, pixel, replicate)
+
+
+def _replayed(
+    scene: Scene | Source,
+    settings: Settings,
+    pixel: tuple[int, int],
+    replicate: int | range,
+) -> Replay:
     from renderer.scene.compile import Scene, load_scene
 
     loaded = scene.sized(settings) if isinstance(scene, Scene) else load_scene(scene, settings=settings)
@@ -53,10 +65,11 @@ def replay(
     resolved = loaded.resolved(settings, settings.replicate_size or DEFAULT_REPLICATE_SIZE)
     lanes = np.arange(replicates.start, replicates.stop, dtype=np.uint32)
     pixels = np.full(len(lanes), y * loaded.width + x, np.uint32)
-    result = loaded.kernel(resolved).launch(pixels, lanes, resolved.seed)
-    radiance = np.array(result[0]).T.reshape(len(lanes), 3)
+    kernel = loaded.kernel(resolved)
+    result = kernel.launch(pixels, lanes, resolved.seed)
+    radiance = np.array(result[0]).T
     invalid, segments = (np.array(counts).reshape(len(lanes)) for counts in result[1:])
-    moments = Moments.empty(1)
+    moments = Moments.empty(1, kernel.has_stokes)
     for r in range(len(lanes)):
         one = slice(r, r + 1)
         moments.add(slice(None), radiance[one], invalid[one], resolved.replicate_size or 1, segments[one])
@@ -67,9 +80,16 @@ def settings_of(estimate: Estimate) -> Settings:
     """The settings that an estimate was made with. Raises CheckpointError where it has several seeds."""
     if len(estimate.ranges) > 1:
         raise CheckpointError("the estimate is a merge of several seeds; replay from one of its parts")
+    if estimate.held is not None:
+        raise CheckpointError(
+            f"the estimate is a part of a render and waits for replicates {estimate.held.said_missing}; "
+            "merge it with the parts that have them, then replay"
+        )
     names = {f.name for f in fields(Settings)}
     kept: dict[str, Any] = {k: v for k, v in estimate.identity.settings.items() if k in names}
     kept["seed"] = estimate.identity.seed
+    if estimate.identity.setting("polarised"):
+        kept["channels"] = (STOKES,)  # for which it may have been rendered so
     return Settings(**kept)
 
 

@@ -17,7 +17,7 @@ from service.headers import SecurityHeaders
 from service.page import Page
 from service.polls import NothingNewer
 from service.requests import RequestLog
-from service.routes import docs, events, frames, gallery, health, jobs, learn, scenes, session
+from service.routes import docs, events, frames, gallery, health, integral, jobs, learn, scenes, series, session
 from service.settings import ServiceSettings
 
 API_VERSION = "1"
@@ -46,7 +46,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         openapi_url="/api/openapi.json",
     )
     protect(app, settings)
-    for module in (gallery, scenes, jobs, frames, events, learn, health, session, docs):
+    for module in (gallery, scenes, jobs, series, frames, events, learn, integral, health, session, docs):
         app.include_router(module.router)
     app.mount("/", Page(settings.static_dir, settings.are_keys_required), name="page")
     app.openapi = functools.partial(openapi.describe, app)
@@ -65,6 +65,7 @@ def protect(app: FastAPI, settings: ServiceSettings) -> None:
         max_body_bytes=settings.max_body_bytes,
         max_message_bytes=settings.max_message_bytes,
         hosts=hosts,
+        are_keys_required=settings.are_keys_required,
     )
     app.add_middleware(SecurityHeaders)
     app.add_middleware(RequestLog)

@@ -67,7 +67,8 @@ class Client:
         """Queue a picture.
 
         scene: name of the gallery, id of an uploaded scene, or a .xml or .zip file, which is uploaded.
-        settings: width, height, seed, max_depth, technique. Raises ServiceError, ServiceUnreachable.
+        settings: width, height, seed, max_depth, technique, sensor, camera={"fov": 40}, parameters={"radius": 0.5}.
+        Raises ServiceError, ServiceUnreachable.
         """
         given = {"error": error, "seconds": seconds, "spp": spp}
         body = {
@@ -147,15 +148,19 @@ class Client:
             pass
         return self.job(job_id)
 
-    def download(self, job_id: str, path: str | Path) -> Path:
-        """Save the image: .exr with everything that is known, .png to look at."""
+    def download(self, job_id: str, path: str | Path, *, with_moments: bool = True) -> Path:
+        """Save the image: .exr with all that is known, .png to look at. with_moments False: an eighth of the size,
+        to open and measure, not to go on from, merge or replay.
+        """
         path = Path(path)
         if path.suffix.lower() not in (".exr", ".png"):
             raise ValueError(f"the file {path.name!r} must end in .exr or .png")
         temporary = path.with_name(f".{path.name}.part")
         try:
             for left in reversed(range(_TRIES)):
-                if self._copy(f"/api/jobs/{job_id}/image{path.suffix.lower()}", temporary):
+                suffix = path.suffix.lower()
+                file = "checkpoint.exr" if suffix == ".exr" and with_moments else f"image{suffix}"
+                if self._copy(f"/api/jobs/{job_id}/{file}", temporary):
                     os.replace(temporary, path)
                     return path
                 time.sleep(_FIRST_PAUSE_SECONDS if left else 0)

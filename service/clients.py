@@ -1,6 +1,7 @@
 """Who asks: API keys, roles, and how often each client may ask.
 
-A key is random, shown once and stored only as a keyed digest. Its form is frd_ID_SECRET.
+A key is random, shown once and stored only as a keyed digest. Its form is frd_ID_SECRET. Between the request that
+brings it and the lookup it is a SecretStr, which no log and no trace shows.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 
+from pydantic import SecretStr
+
 from service.store.keys import KeyRecord, KeyStore
 from service.store.records import now
 from service.written_once import written_once
 
-_FORM = re.compile(r"frd_([0-9a-f]{10})_([A-Za-z0-9_-]{43})")
+KEY_FORM = re.compile(r"frd_([0-9a-f]{10})_([A-Za-z0-9_-]{43})")
 _KNOWN_SECONDS = 5.0  # a revoked key is refused after at most this long
 _CLIENT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._@-]{0,63}")
 
@@ -76,17 +79,17 @@ class Keys:
         """Whether there is a key that opens something."""
         return any(key.revoked_at is None for key in self._store.all())
 
-    def known(self, key: str) -> Caller | None:
+    def known(self, key: SecretStr) -> Caller | None:
         """Whose key this is, if that was looked up a moment ago: a page asks several times a second."""
-        found = _FORM.fullmatch(key)
+        found = KEY_FORM.fullmatch(key.get_secret_value())
         if found is None or self._secret is None:
             return None
         known = self._known.get(found[1] + self._digest(found[2]))
         return known[1] if known is not None and time.monotonic() - known[0] < _KNOWN_SECONDS else None
 
-    def caller(self, key: str) -> Caller | None:
+    def caller(self, key: SecretStr) -> Caller | None:
         """Whose key this is, None if it is nobody's. Synchronous: call it from a thread."""
-        found = _FORM.fullmatch(key)
+        found = KEY_FORM.fullmatch(key.get_secret_value())
         if found is None:
             return None
         # The digest stands for the key, which is not kept.

@@ -5,17 +5,21 @@ from __future__ import annotations
 import asyncio
 import os
 import secrets
-import shutil
 import socket
+from collections import Counter
 from typing import Annotated
 
 import structlog
 from fastapi import Depends, Request
 from sqlalchemy.exc import SQLAlchemyError
 
+from service.accountant import Accountant, Need, reckon
+from service.admission import Admission
 from service.clients import Keys, RateLimit
+from service.data_folder import make_folder, open_database
 from service.data_lock import DataLock
 from service.engine.embedded import EmbeddedEngine
+from service.engine.inspectors import AT_ONCE
 from service.estimates import EstimateFiles
 from service.frames import FrameCache
 from service.housekeeping import Housekeeping
@@ -23,14 +27,22 @@ from service.hub import Hub
 from service.job_texts import JobTexts
 from service.lease import Lease
 from service.metrics import Metrics
+from service.picture_room import PictureRoom
+from service.quarantine import Quarantine
+from service.room import Disk
 from service.runner import Runner
 from service.settings import ServiceSettings
-from service.store import Database, JobRecord, JobStore, SceneStore
+from service.states import ENDED, State
+from service.store import Database, DatabaseReplaced, JobRecord, JobStore, SceneDamaged, SceneStore
 from service.store.keys import KeyStore
+from service.store.threads import reading
 from service.uploads import Uploads
 
 _ATTEMPTS_PER_SECOND, _ATTEMPTS_AT_ONCE = 1.0, 50
 _LITTLE_SPACE_BYTES = 256 << 20
+UNFINISHED = frozenset(State) - ENDED
+_MOST_UNFINISHED = 100_000
+_LESSON_BYTES = 16 << 20  # of answers of the Learn view, kept
 
 
 class Service:
@@ -48,49 +60,61 @@ class Service:
         self.scenes = SceneStore(self.database)
         self.keys = Keys(KeyStore(self.database), settings.secret_file)
         self.requests = RateLimit(settings.requests_per_second, settings.requests_burst)
-        self.failed_attempts = RateLimit(_ATTEMPTS_PER_SECOND, _ATTEMPTS_AT_ONCE)
-        self.files = EstimateFiles(settings.estimates_dir)
+        self.bodies: Counter[str] = Counter()  # large ones that are on their way, by client
+        self.failed_attempts = RateLimit(_ATTEMPTS_PER_SECOND, _ATTEMPTS_AT_ONCE)  # by address
+        self.failed_keys = RateLimit(_ATTEMPTS_PER_SECOND, _ATTEMPTS_AT_ONCE)  # by the key's id, wherever it comes from
+        self.disk = Disk(settings.data_dir, settings.disk_reserve_bytes)
+        quarantine = Quarantine(settings.quarantine_dir)
+        self.files = EstimateFiles(settings.estimates_dir, quarantine)
         self.hub = Hub(self.jobs)
         self.frames = FrameCache()
+        self.picture_room = PictureRoom()
+        self.lessons = FrameCache(_LESSON_BYTES)
         self.job_texts = JobTexts()
-        self.uploads = Uploads(settings, self.scenes)
+        self.accountant = Accountant(settings)
+        self.uploads = Uploads(settings, self.scenes, quarantine, self.disk, self.accountant.scene_bytes(AT_ONCE))
         self.engine = EmbeddedEngine(displays=self.files.displays)
         place = f"{socket.gethostname()}:{settings.data_dir.resolve()}"
         lease = Lease(self.jobs, place, self.id, settings.lease_seconds)
-        self.runner = Runner(
-            settings, self.jobs, self.engine, self.hub, self.files, lease, self.metrics, self._scene_path
-        )
-        self.hub.expected_start = self.runner.expected_start
-        self._housekeeping = Housekeeping(settings, self.jobs, self.uploads, self.runner, self.metrics)
+        slots = settings.max_running_jobs
+        self.admission = Admission(self.jobs, self.disk, self.accountant, slots, self.need_of)
+        parts = (settings, self.jobs, self.engine, self.hub, self.files, lease, self.metrics)
+        self.runner = Runner(*parts, self._scene_path, self.disk, self.admission)
+        self.hub.expected_starts = self.runner.expected_starts
+        self._housekeeping = Housekeeping(settings, self.jobs, self.uploads, self.runner, self.metrics, quarantine)
         self._lock = DataLock(settings.data_dir)
         self._log = structlog.get_logger("service")
 
     async def start(self) -> None:
         """Take the data folder, bring the tables up and go on with what was running."""
-        self.settings.data_dir.mkdir(parents=True, exist_ok=True)
+        make_folder(self.settings.data_dir)
         self._lock.take()
-        await asyncio.to_thread(self.database.create_tables)
-        await asyncio.to_thread(self.database.belong_to, self.settings.data_identity())
+        await asyncio.to_thread(open_database, self.settings, self.database)
         self.files.prepare()
         await asyncio.to_thread(self.uploads.prepare)
+        await asyncio.to_thread(self._take_stock)
         await self.hub.start()
         await self.runner.start()
         self._housekeeping.start()
         if self.settings.are_keys_required and not await asyncio.to_thread(self.keys.any_in_use):
             self._log.warning("no API key exists yet, so nobody can ask anything: fredholm key create NAME")
 
-    def not_ready(self) -> list[str]:
-        """What keeps jobs from starting at once; empty if nothing does. Synchronous: call it from a thread."""
+    async def not_ready(self) -> list[str]:
+        """What keeps jobs from starting at once; empty if nothing does."""
         missing: list[str] = []
         try:
-            self.jobs.last_event_id()
+            await reading(self.database.verify)
+        except DatabaseReplaced as gone:
+            missing.append(f"{gone}: stop the service and put the database back")
         except SQLAlchemyError:
             missing.append("the database does not answer")
         folder = self.settings.estimates_dir
         if not os.access(folder, os.W_OK):
             missing.append("the folder of estimates cannot be written")
-        elif shutil.disk_usage(folder).free < _LITTLE_SPACE_BYTES:
-            missing.append(f"less than {_LITTLE_SPACE_BYTES >> 20} MiB of disk space are left")
+        elif shortage := self.disk.shortage(_LITTLE_SPACE_BYTES):
+            missing.append(str(shortage))
+        if (held := self.admission.first_shortage) is not None and held.what == "memory":
+            missing.append(f"a job waits: {held}")
         if self.runner.renderer_state != "warm":
             missing.append(f"the renderer is {self.runner.renderer_state}")
         return missing
@@ -108,12 +132,32 @@ class Service:
         self.database.close()
         self._lock.release()
 
-    def _scene_path(self, job: JobRecord) -> str:
-        """What the renderer is to load: a gallery name or a file."""
+    def _take_stock(self) -> None:
+        """Know from the beginning what is taken, and say what there is."""
+        self.files.reckon(self.jobs.clients(), self.jobs.newest(_MOST_UNFINISHED, states=UNFINISHED), self.settings)
+        self.accountant.say(AT_ONCE)
+
+    def account(self) -> dict[str, tuple[int, int]]:
+        """By what is limited: bytes that are reckoned with, and bytes that there may be."""
+        ledger, running = self.files.ledger, self.runner.clients()
+        return {
+            "renderer": (reckon(self.admission.held(running)) if running else 0, self.accountant.renderer_bytes),
+            "estimates": (ledger.taken(), ledger.quota.of_all),
+        }
+
+    def need_of(self, job: JobRecord) -> Need:
+        """What a job needs of the renderer. Synchronous: it may look into a file."""
+        return Need.of(job.settings, job.loaded_scene, self.uploads.scene_bytes(job.scene_kind, job.scene_ref))
+
+    async def _scene_path(self, job: JobRecord) -> str:
+        """What the renderer is to load: a gallery name or a file. Raises SceneDamaged."""
         if job.scene_kind == "gallery":
             return job.scene_ref
-        scene = self.scenes.get(job.scene_ref)
-        return str(self.settings.scenes_dir / (scene.path if scene else job.scene_ref))
+        scene = await reading(self.scenes.get, job.scene_ref)
+        if scene is None:
+            raise SceneDamaged(job.scene_ref)
+        await asyncio.to_thread(self.uploads.check_whole, scene)
+        return str(self.settings.scenes_dir / scene.path)
 
 
 async def _service(request: Request) -> Service:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import IO
 
 try:
     import fcntl
@@ -16,27 +16,35 @@ class DataFolderInUse(Exception):
 
 
 class DataLock:
-    """A lock on a folder that ends with the process that holds it, however that ends."""
+    """A lock on a folder that ends with the process that holds it, however that ends.
+
+    On the folder itself: a file in it may be deleted, and the next one would be another file. Where a file system
+    locks no folders, and for services of older versions, a file in it is locked too.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._file: IO[str] | None = None
+        self._held: list[int] = []
 
     def take(self) -> None:
         """Raises DataFolderInUse."""
-        file = (self._folder / "lock").open("w")
-        if fcntl is not None:
+        if fcntl is None:
+            return
+        self._held = [os.open(self._folder, os.O_RDONLY), os.open(self._folder / "lock", os.O_RDWR | os.O_CREAT, 0o600)]
+        for descriptor in self._held:
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                file.close()
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                self.release()
                 raise DataFolderInUse(
                     f"another Fredholm service uses {self._folder}; stop it, or choose another folder with --data"
                 ) from None
-        self._file = file
+            except OSError:
+                if descriptor is not self._held[0]:
+                    raise
 
     def release(self) -> None:
         """Let others have the folder."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        for descriptor in self._held:
+            os.close(descriptor)
+        self._held = []

@@ -1,7 +1,8 @@
 """Which job gets the renderer next, and which client may start one. Pure: nothing is rendered while deciding.
 
 A client's *share* is the render time that it has had. First pictures go before refinement, as long as their client is
-not far ahead of the others; then the client with the smallest share; within a client priority, then turns.
+not far ahead of the others, nor they of their client's other jobs; then the client with the smallest share; within a
+client priority, then the job that has had the least time. What a client asks beside its jobs has turns as a job has.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ class Candidate:
     """A running job as the dispatcher sees it.
 
     last_turn: number of its latest turn, 0 if it had none. is_loaded: its scene is compiled in the renderer.
+    seconds: of the renderer that it has had; one that comes later begins with what the others have had.
     """
 
     job_id: str
@@ -31,6 +33,7 @@ class Candidate:
     client_id: str = ""
     priority: int = 0
     is_loaded: bool = False
+    seconds: float = 0.0
 
 
 class Waiting(NamedTuple):
@@ -75,7 +78,15 @@ def next_job(running: Iterable[Candidate], shares: Shares | None = None) -> str 
         return None
     share = shares.of if shares is not None else lambda _: 0.0
     least = min(share(job.client_id) for job in jobs)
-    previews = [job for job in jobs if not job.has_picture and share(job.client_id) <= least + PREVIEW_CREDIT]
+    had: dict[str, float] = {}
+    for job in jobs:
+        had[job.client_id] = min(job.seconds, had.get(job.client_id, job.seconds))
+
+    def is_young(job: Candidate) -> bool:
+        # A picture that takes long to begin waits like any other.
+        return not job.has_picture and job.seconds <= had[job.client_id] + PREVIEW_CREDIT
+
+    previews = [job for job in jobs if is_young(job) and share(job.client_id) <= least + PREVIEW_CREDIT]
     if previews:
         chosen = min(
             previews,
@@ -83,7 +94,11 @@ def next_job(running: Iterable[Candidate], shares: Shares | None = None) -> str 
         )
     else:
         chosen = min(
-            jobs, key=lambda job: (share(job.client_id), job.has_picture, -job.priority, job.last_turn, job.number)
+            jobs,
+            key=lambda job: (
+                *(share(job.client_id), not is_young(job), -job.priority),
+                *(job.seconds, job.last_turn, job.number),
+            ),
         )
     return chosen.job_id
 

@@ -53,6 +53,12 @@ class Display:
         return self.radiance.shape[1]
 
 
+def display_bytes(display: Display) -> int:
+    """What its arrays take."""
+    arrays = (display.radiance, display.standard_error, display.replicates, display.trusted)
+    return sum(array.nbytes for array in arrays)
+
+
 def display_of(estimate: Estimate, *, seq: int, seconds: float) -> Display:
     """The display of an estimate."""
     standard_error = np.empty((estimate.height * estimate.width, 4), np.float32)
@@ -85,11 +91,15 @@ def write_display(display: Display, path: Path) -> None:
     # Cleaners of temporary files may take a folder that has been quiet for long.
     path.parent.mkdir(mode=0o700, exist_ok=True)
     temporary = path.with_name(path.name + ".part")
-    with temporary.open("wb") as file:
-        file.write((struct.pack("<I", start - 4) + text).ljust(start, b" "))
-        for array in arrays:
-            file.write(np.ascontiguousarray(array).data)
-    os.replace(temporary, path)
+    try:
+        with temporary.open("wb") as file:
+            file.write((struct.pack("<I", start - 4) + text).ljust(start, b" "))
+            for array in arrays:
+                file.write(np.ascontiguousarray(array).data)
+        os.replace(temporary, path)
+    except OSError:
+        temporary.unlink(missing_ok=True)  # where there is no room, half a picture must not take what is left
+        raise
 
 
 def read_display(path: Path) -> Display:

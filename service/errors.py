@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from http import HTTPStatus
 from typing import Any
 
@@ -14,13 +15,28 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.accountant import QuotaReached
 from service.messages import FieldError, Problem
+from service.origin import why_foreign
+from service.room import Shortage, is_full
 from service.states import IllegalStep
-from service.store import JobNotFound, KeyUsedOtherwise, SceneNotFound, SceneStillNeeded, StillRunning
+from service.store import (
+    DatabaseReplaced,
+    JobNotFound,
+    KeyUsedOtherwise,
+    QueueFull,
+    RowUnreadable,
+    SceneDamaged,
+    SceneNotFound,
+    SceneStillNeeded,
+    StillRunning,
+)
+from service.without_paths import without_paths
 
 MEDIA_TYPE = "application/problem+json"
 UPLOADS = "/api/scenes"  # the one address that takes long bodies
 _TOLD_FIELDS, _TOLD_NAME = 20, 200
+_SECRET_FIELDS = frozenset({"key"})  # whose values no answer repeats
 log = structlog.get_logger("service.errors")
 
 
@@ -59,6 +75,13 @@ def too_large(limit_bytes: int, setting: str) -> ProblemError:
     return ProblemError(413, "too-large", "The request is too large", detail)
 
 
+def disk_full(shortage: Shortage | None, what: str) -> ProblemError:
+    """507: the disk has no room. shortage: None if there is room again by now."""
+    detail = f"To {what}, {shortage}." if shortage else f"The disk was too full to {what}."
+    detail += " Delete jobs or scenes that are not needed, or have the operator make room; then ask again."
+    return ProblemError(507, "disk-full", "The disk is full", detail, headers={"Retry-After": "60"})
+
+
 def answer(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
     """A problem as a response."""
     body = problem.model_dump(exclude_none=True)
@@ -91,13 +114,17 @@ def _field_error(error: dict[str, Any]) -> FieldError:
         return FieldError(field="body", message=f"not valid JSON: {error.get('ctx', {}).get('error', 'unreadable')}")
     message = str(error["msg"]).removeprefix("Value error, ")
     value = error.get("input")
-    if isinstance(value, str | int | float) and error["type"] != "value_error":
+    is_told = isinstance(value, str | int | float) and error["type"] != "value_error"
+    if is_told and not _SECRET_FIELDS.intersection(place):
         message = f"{message} (got {str(value)[:60]!r})" if isinstance(value, str) else f"{message} (got {value})"
     return FieldError(field=".".join(place)[:_TOLD_NAME] or "body", message=message)
 
 
-async def _on_http(_request: Request, error: Exception) -> JSONResponse:
+async def _on_http(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
+    if error.__cause__ is not None and is_full(error.__cause__):
+        # FastAPI calls whatever happens while a body is stored a bad request.
+        return await _on_problem(request, disk_full(None, "take in what was sent"))
     phrase = HTTPStatus(error.status_code).phrase
     details = {404: "There is nothing at this address.", 405: "This address does not take that method."}
     detail = error.detail if error.detail != phrase else details.get(error.status_code, phrase)
@@ -120,6 +147,21 @@ async def _on_needed_scene(_request: Request, error: Exception) -> JSONResponse:
     return answer(ProblemError(409, "scene-needed", "The scene is still needed", f"{error}.".capitalize()).problem)
 
 
+async def _on_full_queue(_request: Request, error: Exception) -> JSONResponse:
+    problem = ProblemError(429, "queue-full", "The queue is full", f"{error}.").problem
+    return answer(problem, {"Retry-After": "30"})
+
+
+async def _on_quota(_request: Request, error: Exception) -> JSONResponse:
+    detail = f"{error}, or have FREDHOLM_MAX_ESTIMATES_BYTES raised."
+    return answer(ProblemError(507, "no-room", "There is no room for the picture", detail).problem)
+
+
+async def _on_unreadable_row(_request: Request, error: Exception) -> JSONResponse:
+    detail = f"{error}; a newer version may have written it.".capitalize()
+    return answer(ProblemError(409, "unreadable", "This version cannot read that", detail).problem)
+
+
 async def _on_illegal_step(_request: Request, error: Exception) -> JSONResponse:
     detail = f"{error}.".capitalize()
     return answer(ProblemError(409, "wrong-state", "The job is in another state", detail).problem)
@@ -131,16 +173,35 @@ async def _on_key_used_otherwise(_request: Request, error: Exception) -> JSONRes
     return answer(ProblemError(422, "idempotency-key-reused", "The key was used before", detail, errors).problem)
 
 
-async def _on_lost_database(_request: Request, error: Exception) -> JSONResponse:
+async def _on_damaged_scene(_request: Request, error: Exception) -> JSONResponse:
+    detail = f"{error}; upload the same scene again, which puts them back.".capitalize()
+    return answer(ProblemError(410, "scene-damaged", "The scene's files are damaged", detail).problem)
+
+
+async def _on_lost_database(request: Request, error: Exception) -> JSONResponse:
+    if is_full(error):
+        return await _on_problem(request, disk_full(None, "record that in the database"))
     log.error("the database does not answer", cause=type(error).__name__)
     detail = "The service's database does not answer; ask again in a moment."
     problem = ProblemError(503, "database-unavailable", "The database does not answer", detail).problem
     return answer(problem, {"Retry-After": "2"})
 
 
+async def _on_replaced_database(_request: Request, error: Exception) -> JSONResponse:
+    detail = f"{without_paths(str(error))}; nothing can be taken until its operator has put that right.".capitalize()
+    problem = ProblemError(503, "database-replaced", "The database is not the one of this service", detail).problem
+    return answer(problem, {"Retry-After": "60"})
+
+
 def _mistake() -> JSONResponse:
     detail = "The service made a mistake; its log says more. Trying again may help."
     return answer(ProblemError(500, "internal", "Internal error", detail).problem)
+
+
+def _cut() -> JSONResponse:
+    detail = "The service ended before this had its answer, and nothing was acknowledged; ask again once it is back."
+    problem = ProblemError(503, "stopping", "The service is stopping", detail, headers={"Retry-After": "5"})
+    return answer(problem.problem, problem.headers)
 
 
 def install(app: FastAPI) -> None:
@@ -150,10 +211,15 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(JobNotFound, _on_missing_job)
     app.add_exception_handler(SceneNotFound, _on_missing_scene)
+    app.add_exception_handler(RowUnreadable, _on_unreadable_row)
+    app.add_exception_handler(SceneDamaged, _on_damaged_scene)
+    app.add_exception_handler(QuotaReached, _on_quota)
+    app.add_exception_handler(QueueFull, _on_full_queue)
     app.add_exception_handler(SceneStillNeeded, _on_needed_scene)
     app.add_exception_handler(IllegalStep, _on_illegal_step)
     app.add_exception_handler(StillRunning, _on_illegal_step)
     app.add_exception_handler(KeyUsedOtherwise, _on_key_used_otherwise)
+    app.add_exception_handler(DatabaseReplaced, _on_replaced_database)
     for lost in (OperationalError, InterfaceError, PoolTimeout):
         app.add_exception_handler(lost, _on_lost_database)
 
@@ -181,9 +247,15 @@ class Unforeseen:
             if scope["type"] != "http":
                 raise
             log.exception("request failed", method=scope["method"], path=shown_path(scope))
-            if has_begun:
-                raise  # the connection is cut: whoever reads must not take half an answer for a whole one
-            await _mistake()(scope, receive, send)
+            # One that has begun stays without its end, and the connection is cut: whoever reads must not take half an
+            # answer for a whole one.
+            if not has_begun:
+                await _mistake()(scope, receive, send)
+        except asyncio.CancelledError:
+            # The end of the service does not wait for what takes long.
+            if scope["type"] != "http" or has_begun:
+                raise
+            await _cut()(scope, receive, send)
 
 
 class RequestGuard:
@@ -193,8 +265,16 @@ class RequestGuard:
     otherwise give its own name this machine's address, and ask as if it were ours.
     """
 
-    def __init__(self, app: ASGIApp, max_body_bytes: int, max_message_bytes: int, hosts: frozenset[str] | None) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        max_body_bytes: int,
+        max_message_bytes: int,
+        hosts: frozenset[str] | None,
+        are_keys_required: bool,
+    ) -> None:
         self._app = app
+        self._are_keys_required = are_keys_required
         self._max_body_bytes = max_body_bytes
         self._max_message_bytes = max_message_bytes
         self._hosts = hosts
@@ -207,11 +287,8 @@ class RequestGuard:
             detail = "Without keys this service answers to names of this machine only: set FREDHOLM_API_KEYS=on."
             problem = ProblemError(421, "unknown-host", "Asked under an unknown name", detail).problem
             return await answer(problem)(scope, receive, send)
-        # A browser tells where a request comes from; a page of another site must not start or cancel jobs
-        # here.
-        if request.method not in ("GET", "HEAD") and request.headers.get("sec-fetch-site") == "cross-site":
-            detail = "Web pages of other sites cannot change anything here; open the service's own page."
-            problem = ProblemError(403, "cross-site", "Refused for pages of other sites", detail).problem
+        if (foreign := why_foreign(request, self._are_keys_required)) is not None:
+            problem = ProblemError(403, "cross-site", "Refused for pages of other sites", foreign).problem
             return await answer(problem)(scope, receive, send)
         # JSON grows twentyfold when it is read, and nothing else happens meanwhile: only uploads may be long.
         is_upload = scope["path"] == UPLOADS

@@ -8,12 +8,15 @@ from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime, timedelta
 
 import structlog
+from sqlalchemy.exc import SQLAlchemyError
 
 from service.metrics import Metrics
+from service.quarantine import Quarantine
 from service.runner import Runner
 from service.settings import ServiceSettings
-from service.store import JobNotFound, JobStore, StillRunning
+from service.store import DatabaseReplaced, JobNotFound, JobStore, StillRunning
 from service.store.records import iso
+from service.store.threads import at_leisure
 from service.uploads import Uploads
 
 _AT_ONCE = 100
@@ -23,13 +26,20 @@ class Housekeeping:
     """Two tasks that never end by themselves."""
 
     def __init__(
-        self, settings: ServiceSettings, store: JobStore, uploads: Uploads, runner: Runner, metrics: Metrics
+        self,
+        settings: ServiceSettings,
+        store: JobStore,
+        uploads: Uploads,
+        runner: Runner,
+        metrics: Metrics,
+        quarantine: Quarantine,
     ) -> None:
         self._settings = settings
         self._store = store
         self._uploads = uploads
         self._runner = runner
         self._metrics = metrics
+        self._quarantine = quarantine
         self._tasks: list[asyncio.Task[None]] = []
         self._log = structlog.get_logger("service.housekeeping")
 
@@ -50,6 +60,10 @@ class Housekeeping:
         while True:
             try:
                 await work()
+            except DatabaseReplaced:
+                pass  # said once, where it was noticed
+            except SQLAlchemyError as error:
+                self._log.warning("housekeeping waits: the database does not answer", cause=type(error).__name__)
             except Exception:
                 self._log.exception("housekeeping failed, trying again later")
                 self._metrics.errors.labels("housekeeping").inc()
@@ -57,11 +71,11 @@ class Housekeeping:
 
     async def forget_old(self) -> None:
         """Delete what is older than its retention."""
-        events = await asyncio.to_thread(self._store.forget_events, self._before(self._settings.keep_events_days))
+        events = await at_leisure(self._store.forget_events, self._before(self._settings.keep_events_days))
         forgotten = 0
         if self._settings.keep_jobs_days is not None:
             before = self._before(self._settings.keep_jobs_days)
-            while ids := await asyncio.to_thread(self._store.ended_before, before, _AT_ONCE):
+            while ids := await at_leisure(self._store.ended_before, before, _AT_ONCE):
                 for job_id in ids:
                     # It may have been continued or deleted in between.
                     with contextlib.suppress(JobNotFound, StillRunning):
@@ -70,8 +84,11 @@ class Housekeeping:
         scenes = 0
         if self._settings.keep_scenes_days is not None:
             scenes = await self._uploads.forget_before(self._before(self._settings.keep_scenes_days))
-        if events or forgotten or scenes:
-            self._log.info("old things forgotten", events=events, jobs=forgotten, scenes=scenes)
+        days = self._settings.keep_quarantine_days
+        put_away = await asyncio.to_thread(self._quarantine.forget_older, days)
+        if events or forgotten or scenes or put_away:
+            told = {"events": events, "jobs": forgotten, "scenes": scenes, "quarantine": put_away}
+            self._log.info("old things forgotten", **told)
 
     def _before(self, days: float) -> str:
         return iso(datetime.now(UTC) - timedelta(days=days))

@@ -21,17 +21,17 @@ _Data = Annotated[Path | None, typer.Option("--data", help="Folder of the servic
 @contextmanager
 def _opened(data: Path | None) -> Iterator[tuple[Keys, KeyStore]]:
     from service.clients import ClientError, Keys
+    from service.data_folder import make_folder, open_database
     from service.serve import ServeError, settings_from
     from service.store import Database, DatabaseError
     from service.store.keys import KeyStore
 
     settings = settings_from({} if data is None else {"data_dir": data})
     try:
-        settings.data_dir.mkdir(parents=True, exist_ok=True)
+        make_folder(settings.data_dir)
         database = Database(settings.resolved_database_url)
         try:
-            database.create_tables()
-            database.belong_to(settings.data_identity())
+            open_database(settings, database)
             store = KeyStore(database)
             yield Keys(store, settings.secret_file), store
         finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from datetime import UTC, datetime, timedelta
 
 from service.store import JobRecord, JobStore
@@ -20,9 +21,9 @@ class Lease:
         self._owner = f"{self._place}{server}"
         self._seconds = seconds
 
-    def claim(self, client_id: str) -> JobRecord | None:
-        """Start the next queued job of a client."""
-        return self._store.claim(self._owner, self._until(), client_id)
+    def claim(self, client_id: str, passed: Collection[str] = ()) -> JobRecord | None:
+        """Start the next queued job of a client that is not among those `passed`."""
+        return self._store.claim(self._owner, self._until(), client_id, passed)
 
     def renew(self) -> dict[str, int]:
         """Renew all; the attempts of the jobs that are still held, by id."""

@@ -7,14 +7,18 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, model_validator
 
+from renderer.camera import Camera as View
+from renderer.errors import SettingsError
+from renderer.scene.parameters import LONGEST_VALUE
 from service.states import State
 from service.store.records import JobRecord, Progress, SceneRecord
 
 Technique = Literal["mis", "bsdf", "emitter", "cosine", "uniform"]
 StoppedBy = Literal["error", "seconds", "spp", "cancelled"]
 Side = Annotated[int, Field(ge=1, le=16384)]
+MOST_PARAMETERS = 100  # that one job gives values for
 
 
 class _Request(BaseModel):
@@ -62,6 +66,27 @@ class TargetRequest(_Request):
         return self
 
 
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Value = Annotated[str, Field(max_length=LONGEST_VALUE)] | float | int | bool
+
+
+class CameraRequest(_Request):
+    """Where a perspective or thinlens sensor stands and looks, in the scene's units; null is as the scene has it."""
+
+    origin: Vector | None = Field(default=None, description="x, y, z; alone it leaves the direction of the view")
+    target: Vector | None = Field(default=None, description="x, y, z of a point that it looks at")
+    up: Vector | None = Field(default=None, description="direction that is up in the picture")
+    fov: float | None = Field(default=None, gt=0, lt=180, description="degrees, along the sensor's fov_axis")
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Self:
+        try:
+            View.of(self.model_dump())
+        except SettingsError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+
 class SettingsRequest(_Request):
     """Which estimator; what is left out comes from the scene."""
 
@@ -74,8 +99,25 @@ class SettingsRequest(_Request):
     colour: Literal["auto", "mono", "rgb", "spectral"] = Field(
         default="auto", description="auto: the leanest that fits"
     )
-    channels: list[Literal["albedo", "normal", "depth", "position", "shape_index"]] = Field(
-        default_factory=list, max_length=5, description="also in the EXR"
+    channels: list[Literal["albedo", "normal", "depth", "position", "shape_index", "alpha", "stokes"]] = Field(
+        default_factory=list,
+        max_length=7,
+        description="also in the EXR; what the scene asks for comes unnamed; stokes renders polarised light",
+    )
+    sensor: Annotated[str, Field(max_length=200)] | Annotated[int, Field(ge=0, le=999_999)] | None = Field(
+        default=None, description="which of the scene's, by name or by index from 0; null: the first"
+    )
+    independent_pixels: bool | None = Field(
+        default=None, description="true: each sample counts in one pixel alone; null: in all that the filter reaches"
+    )
+    camera: CameraRequest | None = Field(default=None, description="instead of where the scene puts its sensor")
+    parameters: dict[str, Value] = Field(
+        default_factory=dict,
+        max_length=MOST_PARAMETERS,
+        description="values for the scene's <default> parameters, which its requirements list",
+    )
+    guide: Literal["off", "on"] = Field(
+        default="off", description="on: learn first where light comes from; for light that arrives by bounces"
     )
 
 
@@ -86,6 +128,17 @@ class JobRequest(_Request):
     target: TargetRequest
     settings: SettingsRequest = Field(default_factory=SettingsRequest)
     priority: int = Field(default=0, ge=-9, le=9, description="among one's own jobs; higher goes first")
+
+
+class SeriesRequest(JobRequest):
+    """Pictures of one scene that are queued together: each sensor with each set of values, to the target each."""
+
+    sensors: Literal["all"] | list[str | int] | None = Field(
+        default=None, description="by name or index; null: that of the settings"
+    )
+    sweep: list[dict[str, Value]] = Field(
+        default_factory=list, description="values for the scene's parameters beside those of the settings, one set each"
+    )
 
 
 class ContinueRequest(_Request):
@@ -113,6 +166,15 @@ class Target(BaseModel):
     region: list[int] | None = None
 
 
+class Camera(BaseModel):
+    """What differs from the sensor as the scene has it; null: nothing."""
+
+    origin: list[float] | None = None
+    target: list[float] | None = None
+    up: list[float] | None = None
+    fov: float | None = None
+
+
 class Settings(BaseModel):
     """Which estimator a job runs, resolved. max_depth null: the scene's own."""
 
@@ -124,6 +186,11 @@ class Settings(BaseModel):
     adaptive: bool = True
     colour: str = "auto"
     channels: list[str] = Field(default_factory=list)
+    sensor: int | None = Field(default=None, description="index of the scene's sensor; null: the first, by default")
+    independent_pixels: bool | None = None
+    camera: Camera | None = Field(default=None, description="null: as the scene has it")
+    parameters: dict[str, str] = Field(default_factory=dict, description="of the scene, that were given")
+    guide: Literal["off", "on"] = "off"
 
 
 class Forecast(BaseModel):
@@ -143,15 +210,22 @@ class Cause(BaseModel):
 
 
 class ImageHealth(BaseModel):
-    """What to know before believing a picture. invalid: samples that were not finite; untrusted: share of pixels."""
+    """What to know before believing a picture. invalid: samples that were not finite; untrusted: share of pixels.
+
+    needs_samples: samples per pixel from which error bars can be believed, where most pixels have fewer. mixed:
+    versions and kinds of device that rendered it, where there are several.
+    """
 
     status: Literal["good", "uncertain", "degraded"]
     invalid: int
     invalid_pixels: int
     empty_pixels: int
     untrusted: float
+    needs_samples: int | None = None
+    mixed: list[str] = Field(default_factory=list)
     cannot_see: list[str]
     warnings: list[str]
+    hidden: list[str] = Field(default_factory=list, description="light that samples hardly ever meet, in sentences")
 
 
 class ProgressMessage(BaseModel):
@@ -169,6 +243,10 @@ class ProgressMessage(BaseModel):
     share_trusted: float | None
     invalid: int
     error_upper: float | None = Field(default=None, description="what the error is below, with the target's confidence")
+    error_unknown: str | None = Field(default=None, description="why the error is null, where there is a picture")
+    replicate_size: int | None = Field(
+        default=None, description="samples in a replicate; null before the first picture"
+    )
     health: ImageHealth | None = None
 
     @classmethod
@@ -198,17 +276,30 @@ class Job(BaseModel):
     stopped_by: StoppedBy | None
     queue_position: int | None = Field(description="1 = next; null unless queued")
     expected_start: str | None = Field(description="estimated; null unless queued, or while it cannot be told")
+    waits_for: str | None = Field(default=None, description="what keeps it from going on, such as room on disk")
     forecast: Forecast | None
     share_within: float | None
     share_trusted: float | None
     invalid: int
     error_upper: float | None = Field(default=None, description="what the error is below, with the target's confidence")
+    error_unknown: str | None = Field(default=None, description="why the error is null, where there is a picture")
+    replicate_size: int | None = Field(
+        default=None, description="samples in a replicate; null before the first picture"
+    )
     health: ImageHealth | None = None
     cause: Cause | None
     warnings: list[str]
+    series: str | None = Field(default=None, description="the same for jobs that were queued together")
 
     @classmethod
-    def of(cls, job: JobRecord, *, queue_position: int | None = None, expected_start: str | None = None) -> Self:
+    def of(
+        cls,
+        job: JobRecord,
+        *,
+        queue_position: int | None = None,
+        expected_start: str | None = None,
+        waits_for: str | None = None,
+    ) -> Self:
         """The message for a stored job."""
         is_queued = job.state is State.QUEUED
         return cls.model_validate(
@@ -223,14 +314,15 @@ class Job(BaseModel):
                 "curve": list(job.curve),
                 "queue_position": queue_position if is_queued else None,
                 "expected_start": expected_start if is_queued else None,
-                "warnings": list(job.warnings),
+                "waits_for": waits_for,
+                "warnings": [*job.losses, *job.warnings],
             }
         )
 
 
 _COPIED = (
     *("id", "name", "state", "target", "settings", "priority", "created_at", "started_at", "finished_at"),
-    *("stopped_by", "cause"),
+    *("stopped_by", "cause", "series"),
 )
 
 
@@ -239,11 +331,14 @@ def _progress_fields(progress: Progress) -> dict[str, Any]:
 
 
 class CurvePoint(BaseModel):
-    """One point of the convergence curve."""
+    """One point of the convergence curve. upper: the bound of the error, which decides about a target; null where
+    there is none.
+    """
 
     seconds: float
     spp: float
     error: float
+    upper: float | None = None
 
 
 class JobDetail(Job):
@@ -252,10 +347,44 @@ class JobDetail(Job):
     curve: list[CurvePoint]
 
 
+class UnreadableRow(BaseModel):
+    """A job whose row this version cannot read."""
+
+    id: str
+    reason: str
+
+
 class JobList(BaseModel):
-    """Jobs, newest first."""
+    """Jobs, newest first. total: how many there are, those beyond this list included. unreadable: told to those who see
+    everyone's jobs, where there are any.
+    """
 
     jobs: list[Job]
+    total: int
+    unreadable: list[UnreadableRow] = Field(default_factory=list)
+
+
+class Series(BaseModel):
+    """Jobs that were queued together, in order. done: how many have succeeded; ended: or failed, or were cancelled."""
+
+    id: str
+    jobs: list[Job]
+    done: int
+    ended: int
+
+
+class QueuePlace(BaseModel):
+    """Where a queued job stands. position: 1 = next; expected_start: estimated, null while it cannot be told."""
+
+    id: str
+    position: int
+    expected_start: str | None
+
+
+class Queue(BaseModel):
+    """All queued jobs that one may see, next first: it replaces whatever was known of their places."""
+
+    places: list[QueuePlace]
 
 
 class GalleryScene(BaseModel):
@@ -267,6 +396,17 @@ class GalleryScene(BaseModel):
     width: int
     height: int
     thumbnail: str = Field(description="relative address of a PNG")
+    has_lesson: bool = Field(description="whether the Learn view knows it: not where there are participating media")
+
+
+class SensorChoice(BaseModel):
+    """A sensor of a scene; its name may be empty. width, height: of its image."""
+
+    index: int
+    name: str
+    plugin: str
+    width: int
+    height: int
 
 
 class Requirements(BaseModel):
@@ -285,12 +425,19 @@ class Requirements(BaseModel):
     texture_pixels: int
     media: dict[str, int]
     sensors: dict[str, int]
+    sensor_choices: list[SensorChoice] = Field(
+        default_factory=list, description="in the scene's order; empty for a scene taken in by an older version"
+    )
+    parameters: dict[str, str] = Field(
+        default_factory=dict, description="the scene's <default> parameters: default by name, long ones cut"
+    )
     memory_bytes: int = Field(description="estimated, of the loaded scene without the picture")
     low: list[float] | None
     high: list[float] | None
     is_coloured: bool
     coloured_by: str | None
     variant: Literal["mono", "rgb", "spectral"]
+    polarised_by: str | None = Field(default=None, description="what asks for polarised light; null: nothing does")
     features: list[str] = Field(description="what the kernel has to contain")
     max_depth: int = Field(description="as the scene asks; -1 = unlimited")
     depth_advice: str
@@ -357,15 +504,128 @@ class FirstVertex(BaseModel):
     map_width: int
     map_height: int
     polar_range: float = Field(description="radians of θ from the normal: π/2, or π where light passes")
+    camera_u: float = Field(description="direction towards the camera, on the map")
+    camera_v: float
     directions: dict[str, Directions]
 
 
 class RunningMoments(BaseModel):
-    """Moments of the first n samples of a part. m2: sum of squared deviations."""
+    """Moments of the first n samples of a part. m2, m3, m4: sums of powers of the deviations from the mean."""
 
     n: int
     mean: float
     m2: float
+    m3: float
+    m4: float
+    lit: int = Field(description="samples that found any light")
+
+
+class Bounces(BaseModel):
+    """A pixel's luminance by the number of reflections. All moments are of the same samples, and parts merge."""
+
+    terms: list[RunningMoments] = Field(description="after 0 reflections: emitted; after 1: lit by lights; after 2, …")
+    more: RunningMoments = Field(description="after more reflections than there are terms")
+    reflected: RunningMoments = Field(description="all but what is emitted")
+    total: RunningMoments
+
+
+class PathVertex(BaseModel):
+    """A vertex of a path. Lengths are in the scene's units, light is luminance; null where there is no such number."""
+
+    position: list[float] | None = Field(description="null where the path leaves the scene")
+    column: float | None = Field(description="where it lies in the picture, in pixels from its left and top edge")
+    row: float | None
+    is_sky: bool = Field(description="the path leaves the scene")
+    is_seen: bool = Field(description="from the camera, straight")
+    direction: list[float] = Field(description="of the ray that comes here")
+    distance: float | None = Field(description="from the vertex before, or from the camera's near plane")
+    emitted: float = Field(description="what shines from here towards the vertex before")
+    throughput: float = Field(description="what the path carries when it gets here")
+    added: float = Field(description="what the vertex adds to the pixel: their product, channel by channel")
+    cos_theta: float | None = Field(description="of the next direction")
+    pdf: float | None = Field(description="density of the next direction, per solid angle")
+    f_cos: float | None = Field(description="f·cosθ of the next direction; null for mirrors and clear glass too")
+
+
+class LightPath(BaseModel):
+    """One sample of the radiance at a pixel's centre by technique `bsdf`."""
+
+    number: int
+    vertices: list[PathVertex]
+    sum: float = Field(description="of what the vertices add")
+
+
+class LightPaths(BaseModel):
+    """Paths from one pixel."""
+
+    paths: list[LightPath]
+    is_placed: bool = Field(description="whether the camera's projection is known: points have columns and rows")
+
+
+class LightPoint(BaseModel):
+    """A point p′ on a light, seen from p. Lengths are in the scene's units, light is luminance."""
+
+    column: float | None = Field(description="where it lies in the picture, in pixels from its left and top edge")
+    row: float | None
+    has_area: bool = Field(description="whether the light is a surface; skies, points and directions have no area form")
+    is_visible: bool = Field(description="V: nothing lies between")
+    distance: float | None
+    cos_theta: float = Field(description="at p")
+    cos_light: float | None = Field(description="at p′; not positive: the lamp shows its back")
+    geometry: float | None = Field(description="G = cosθ cosθ′ / distance²")
+    f: float | None = Field(description="BSDF towards the camera")
+    emitted: float | None = Field(description="Le towards p")
+    pdf: float | None = Field(description="density of the point, per solid angle at p")
+    pdf_area: float | None = Field(description="the same, per area")
+    estimate: float = Field(description="f Le V G / pdf_area")
+
+
+class LightPoints(BaseModel):
+    """Points on the lights of a scene; none where no light can be sampled."""
+
+    points: list[LightPoint]
+    is_placed: bool = Field(description="whether the camera's projection is known: points have columns and rows")
+
+
+class IntegralConditions(BaseModel):
+    """Whether p is a density with which f may be sampled."""
+
+    mass: float | None = Field(description="∫ p as it was given; p is divided by it. Null where it is not finite")
+    is_positive: bool
+    negative_at: float | None = Field(description="where p is below zero, or no number")
+    unseen: float = Field(description="share of ∫ |f| where p is zero: no point ever sees it")
+
+
+class IntegralCurve(BaseModel):
+    """f and p at places x; null where they are no numbers."""
+
+    x: list[float]
+    f: list[float | None]
+    p: list[float | None]
+
+
+class IntegralEstimate(BaseModel):
+    """An integral of one dimension from n points. Null is what a single point cannot tell."""
+
+    value: float
+    n: int
+    variance: float | None = Field(description="V, of one point")
+    standard_error: float | None = Field(description="√(V/n)")
+    low: float | None = Field(description="of the 95 % interval")
+    high: float | None
+    truth: float = Field(description="by quadrature")
+    truth_error: float = Field(description="how far off that may be")
+    conditions: IntegralConditions
+    curve: IntegralCurve
+    points: IntegralCurve
+
+
+class IntegralRuns(BaseModel):
+    """Estimates of many runs: values[run][i] is from counts[i] points."""
+
+    counts: list[int]
+    values: list[list[float]]
+    truth: float
 
 
 class Hello(BaseModel):
@@ -412,7 +672,7 @@ class FrameHeader(BaseModel):
 class SessionRequest(_Request):
     """A key to be kept in a cookie of the browser."""
 
-    key: str = Field(min_length=1, max_length=200)
+    key: SecretStr = Field(min_length=1, max_length=200)
 
 
 class Session(BaseModel):

@@ -18,6 +18,7 @@ class Metrics:
     def __init__(self) -> None:
         self.registry = r = CollectorRegistry()
         self.jobs = Gauge("fredholm_jobs", "Jobs by state, now", ["state"], registry=r)
+        self.unreadable = Gauge("fredholm_unreadable_rows", "Rows of jobs that this version cannot read", registry=r)
         self.waits = Histogram(
             "fredholm_queue_wait_seconds", "From submission to start", buckets=_WAIT_BUCKETS, registry=r
         )
@@ -41,6 +42,15 @@ class Metrics:
             registry=r,
         )
         self.refusals = Counter("fredholm_refusals", "Requests refused by a limit", ["limit"], registry=r)
+        self.budgets = Gauge(
+            "fredholm_budget_bytes", "What may be taken: the renderer of memory, estimates of disk", ["of"], registry=r
+        )
+        self.reckoned = Gauge(
+            "fredholm_reckoned_bytes",
+            "Of that, what running jobs and the jobs there are reckon with",
+            ["of"],
+            registry=r,
+        )
         self.memory = Gauge("fredholm_memory_bytes", "Resident memory", ["process"], registry=r)
 
     def turn(self, seconds: float, samples: int) -> None:

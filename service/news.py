@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from service.messages import Deleted, Job, ProgressMessage
+from service.messages import Deleted, Job, ProgressMessage, Queue, QueuePlace
 from service.store import EventRecord
 
 
@@ -45,3 +45,8 @@ def transition(event: EventRecord, expected_start: str | None) -> Told:
 def progress(message: ProgressMessage, client_id: str) -> Told:
     """How a running job gets on."""
     return Told("progress", message.id, client_id, event_text("progress", message.model_dump_json()))
+
+
+def queue(places: list[QueuePlace]) -> Told:
+    """Who waits where."""
+    return Told("queue", "", "", event_text("queue", Queue(places=places).model_dump_json()))

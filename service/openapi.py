@@ -12,9 +12,9 @@ from fastapi.openapi.utils import get_openapi
 from pydantic.json_schema import models_json_schema
 
 from service.errors import MEDIA_TYPE
-from service.messages import Deleted, FrameHeader, Hello, Job, Ping, Problem, ProgressMessage
+from service.messages import Deleted, FrameHeader, Hello, Job, Ping, Problem, ProgressMessage, Queue
 
-_UNSEEN = (Problem, Hello, Job, Deleted, ProgressMessage, Ping, FrameHeader)
+_UNSEEN = (Problem, Hello, Job, Deleted, ProgressMessage, Queue, Ping, FrameHeader)
 _PROBLEM = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.estimate.interval import t_quantile
-from renderer.image.picture import to_srgb8
+from renderer.image.picture import ToneMap, to_srgb8, with_alpha
 from service.display import Display
 from service.messages import Pixel
 
@@ -43,18 +43,20 @@ def read_pixel(display: Display, x: int, y: int) -> Pixel:
     )
 
 
-def png_bytes(radiance: NDArray[np.float32], exposure: float) -> bytes:
-    """An 8-bit sRGB PNG of (H, W, 3) radiance."""
-    picture = to_srgb8(radiance, exposure)
-    height, width, _ = picture.shape
+def png_bytes(
+    radiance: NDArray[np.float32], exposure: float, tone: ToneMap = "srgb", alpha: NDArray[np.float32] | None = None
+) -> bytes:
+    """An 8-bit sRGB PNG of (H, W, 3) radiance, transparent where alpha, (H, W), says so."""
+    picture = to_srgb8(radiance, exposure, tone) if alpha is None else with_alpha(radiance, alpha, exposure, tone)
+    height, width, channels = picture.shape
     # Filter 1 (difference to the left neighbour) halves the size of smooth pictures at no cost.
-    rows = np.empty((height, 1 + width * 3), dtype=np.uint8)
+    rows = np.empty((height, 1 + width * channels), dtype=np.uint8)
     rows[:, 0] = 1
     left = np.zeros_like(picture)
     left[:, 1:] = picture[:, :-1]
     rows[:, 1:] = (picture - left).reshape(height, -1)
     parts = (
-        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2 if channels == 3 else 6, 0, 0, 0)),
         (b"sRGB", b"\0"),
         (b"IDAT", zlib.compress(rows.tobytes(), 6)),
         (b"IEND", b""),

@@ -9,6 +9,7 @@ import socket
 import sys
 import threading
 import webbrowser
+from contextlib import closing
 from pathlib import Path
 
 import structlog
@@ -19,13 +20,17 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from renderer.errors import FredholmError
 from service.app import create_app
+from service.connections import most_connections
+from service.data_folder import make_folder, open_database
 from service.data_lock import DataFolderInUse, DataLock
+from service.heap import give_back_large_blocks
 from service.logs import configure
 from service.protocol import protocol_for
 from service.settings import ServiceSettings
 from service.store import Database, DatabaseError
 
 _GRACE_SECONDS = 2
+_DESCRIPTORS = 65536
 # Threads that read JSON from the database hold the interpreter for this long before the event loop may answer others.
 _THREAD_SECONDS = 0.001
 
@@ -51,19 +56,24 @@ def run(
 ) -> None:
     """Serve until interrupted. What is None comes from the environment or its default. Raises ServeError."""
     given = {"host": host, "port": port, "data_dir": data_dir}
+    give_back_large_blocks()
     settings = settings_from({name: value for name, value in given.items() if value is not None})
     configure(settings)
     _check_reach(settings)
     listening = _listen(settings.host, settings.port)
+    _allow_descriptors()
     _check_data(settings)
     app = create_app(settings)
     config = uvicorn.Config(
         app,
-        http=protocol_for(settings.request_head_seconds, settings.body_silence_seconds),
+        http=protocol_for(settings, most_connections(settings.max_connections)),
         log_config=None,
         access_log=False,
         timeout_graceful_shutdown=_GRACE_SECONDS,
         server_header=False,
+        # Whoever is not named could otherwise call itself by any address, and a new one for every guess at a key.
+        proxy_headers=bool(settings.trusted_proxies),
+        forwarded_allow_ips=settings.trusted_proxies,
     )
     address = _address(settings.host, listening.getsockname()[1])
     structlog.get_logger("service").info("serving", address=address, data=str(settings.data_dir))
@@ -73,6 +83,18 @@ def run(
     sys.setswitchinterval(_THREAD_SECONDS)
     with contextlib.suppress(KeyboardInterrupt):
         _Server(config, app).run(sockets=[listening])
+
+
+def _allow_descriptors() -> None:
+    """As many open connections and files as this user may have: the usual 256 or 1024 are soon taken."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = _DESCRIPTORS if most == resource.RLIM_INFINITY else min(most, _DESCRIPTORS)
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
 
 
 def _check_reach(settings: ServiceSettings) -> None:
@@ -118,14 +140,12 @@ def _check_data(settings: ServiceSettings) -> None:
     """Whether folder and database can be used, as one sentence instead of a trace out of the running server."""
     folder = settings.data_dir
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         lock = DataLock(folder)
         lock.take()
         try:
-            database = Database(settings.resolved_database_url)
-            database.create_tables()
-            database.belong_to(settings.data_identity())
-            database.close()
+            with closing(Database(settings.resolved_database_url)) as database:
+                open_database(settings, database)
         finally:
             lock.release()
     except (DataFolderInUse, DatabaseError) as error:

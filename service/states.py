@@ -44,8 +44,9 @@ TRANSITIONS: dict[tuple[State, Step], State] = {
     (State.PAUSED, Step.RESUME): State.QUEUED,
     (State.PAUSED, Step.CANCEL): State.CANCELLED,
     (State.SUCCEEDED, Step.CONTINUE): State.QUEUED,
-    # Its estimate was kept, so it may go on too.
+    # Their estimates were kept, so they may go on too.
     (State.CANCELLED, Step.CONTINUE): State.QUEUED,
+    (State.FAILED, Step.CONTINUE): State.QUEUED,
 }
 
 # A running job is cancelled first: then nothing writes to what is deleted.

@@ -2,40 +2,78 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from renderer.errors import SceneError, SettingsError
 from renderer.region import Region
 from renderer.scene import gallery
+from renderer.scene.parameters import SceneFile
+from renderer.scene.rewrite import MOVABLE, SensorFacts, chosen_sensor, several_sensors
+from renderer.settings import STOKES, image_size
+from service.accountant import Accountant, Need
 from service.clients import Caller
-from service.errors import ProblemError, refused
-from service.messages import ContinueRequest, JobRequest, TargetRequest
+from service.errors import disk_full, refused
+from service.messages import ContinueRequest, JobRequest, SeriesRequest, TargetRequest
+from service.room import Disk, job_bytes
 from service.settings import ServiceSettings
+from service.shown import shown
 from service.states import Step, after
-from service.store import JobRecord, JobStore, NewJob, SceneStore
+from service.store import JobRecord, NewJob, QueueLimits, SceneRecord
+from service.store.records import loaded_as
+from service.uploads import Uploads
+
+if TYPE_CHECKING:
+    from service.context import Service
 
 
 def new_job(
-    request: JobRequest, caller: Caller, settings: ServiceSettings, scenes: SceneStore, jobs: JobStore
+    request: JobRequest,
+    caller: Caller,
+    uploaded: SceneRecord | None,
+    settings: ServiceSettings,
+    uploads: Uploads,
+    disk: Disk,
+    accountant: Accountant,
+    told: Mapping[str, Any] | None = None,
 ) -> NewJob:
-    """What to queue. Raises ProblemError."""
-    check_queue(jobs.waiting(), caller.client_id, settings)
+    """What to queue. uploaded: the scene, if it is an uploaded one that there is. told: what it requires with the
+    parameters that are given. Raises ProblemError, SceneDamaged.
+    """
+    parameters = texts_of(request)
     if request.scene.gallery is not None:
         try:
             built_in = gallery.find(request.scene.gallery)
         except SceneError as error:
             raise refused("scene.gallery", str(error)) from None
+        if parameters:
+            given = shown(", ".join(map(repr, parameters)))
+            raise refused("settings.parameters", f"{built_in.name} has no parameters, and {given} is given")
         kind, reference, name = "gallery", built_in.name, built_in.title
-        film, warnings = (built_in.width, built_in.height), ()
+        sensors, warnings = (SensorFacts(0, "", "", built_in.width, built_in.height),), ()
     else:
-        uploaded = scenes.get(request.scene.id or "", caller.scope)
         if uploaded is None:
             raise refused("scene.id", f"there is no uploaded scene {request.scene.id!r}; upload it first")
+        uploads.check_whole(uploaded)
         kind, reference, name = "upload", uploaded.id, uploaded.name
-        film, warnings = (uploaded.width, uploaded.height), uploaded.warnings
-    width, height = size_of(film, request.settings.width, request.settings.height)
+        # None of scenes that older versions took in.
+        choices = uploads.sensors(uploaded.id) if told is None else told["sensor_choices"]
+        first = SensorFacts(0, "", "", uploaded.width, uploaded.height)
+        sensors = tuple(SensorFacts(**one) for one in choices) if choices else (first,)
+        warnings = uploaded.warnings if told is None else shown(tuple(told["warnings"]))
+    asked = request.settings
+    try:
+        sensor = sensors[chosen_sensor(sensors, asked.sensor)]
+    except SettingsError as error:
+        raise refused("settings.sensor", str(error)) from None
+    if asked.camera is not None and sensor.plugin and sensor.plugin not in MOVABLE:
+        raise refused("settings.camera", f"sensor {sensor.label} is of the type {sensor.plugin}, which cannot be moved")
+    if asked.sensor is not None:
+        warnings = tuple(one for one in warnings if one != several_sensors(sensors))
+    width, height = image_size((sensor.width, sensor.height), asked.width, asked.height)
     if width * height > settings.max_pixels:
         raise refused(
             "settings.width" if request.settings.width is not None else "settings",
@@ -43,7 +81,14 @@ def new_job(
             f"{settings.max_pixels}; ask for a smaller picture",
         )
     _check_target(request.target, width, height, settings)
-    resolved = request.settings.model_dump() | {"width": width, "height": height}
+    index = None if asked.sensor is None else sensor.index
+    resolved = asked.model_dump() | {"width": width, "height": height, "sensor": index}
+    resolved["parameters"] = parameters
+    if uploads.is_polarised(kind, reference, told):  # its Stokes vectors need room, too
+        resolved["channels"] = list(dict.fromkeys((*resolved["channels"], STOKES)))
+    check_disk(resolved, disk)
+    scene_bytes = uploads.scene_bytes(kind, reference) if told is None else int(told["memory_bytes"])
+    check_memory(Need.of(resolved, loaded_as(reference, parameters), scene_bytes), accountant)
     return NewJob(
         name,
         kind,
@@ -57,6 +102,53 @@ def new_job(
     )
 
 
+async def members_of(
+    service: Service, request: SeriesRequest, caller: Caller, uploaded: SceneRecord | None
+) -> list[NewJob]:
+    """The jobs of a series, each with what it differs by in its name. Raises ProblemError, SceneDamaged."""
+    rules = (service.settings, service.uploads, service.disk, service.accountant)
+    most = min(service.settings.max_waiting_jobs, service.settings.max_waiting_per_client)
+    if len(request.sweep) > most:
+        raise refused("sweep", f"{len(request.sweep)} sets of values are more jobs than may wait, {most}")
+    made: list[NewJob] = []
+    for values in request.sweep or [{}]:
+        settings = request.settings.model_copy(update={"parameters": {**request.settings.parameters, **values}})
+        single = JobRequest(scene=request.scene, target=request.target, settings=settings, priority=request.priority)
+        told, parameters = None, texts_of(single)
+        if uploaded is not None and parameters:
+            told = await service.uploads.with_parameters(uploaded, parameters, caller.client_id)
+        choices = _choices(service, uploaded, told)
+        which = [settings.sensor] if request.sensors is None else request.sensors
+        for sensor in range(len(choices)) if which == "all" else which:
+            if len(made) >= most:
+                raise refused("sensors", f"the series has more jobs than may wait, {most}; ask for fewer at a time")
+            own = single.model_copy(update={"settings": settings.model_copy(update={"sensor": sensor})})
+            new = await asyncio.to_thread(new_job, own, caller, uploaded, *rules, told)
+            index = new.settings["sensor"]
+            parts = [] if request.sensors is None else [choices[index] or f"sensor {index}"]
+            parts += [f"{name} = {parameters[name]}" for name in values]
+            made.append(replace(new, name=shown(" · ".join([*parts, new.name]))))
+    if not made:
+        raise refused("sensors", "the list is empty; name at least one, or write all")
+    return made
+
+
+def _choices(service: Service, uploaded: SceneRecord | None, told: Mapping[str, Any] | None) -> list[str]:
+    """Names of a scene's sensors, which may be empty."""
+    if uploaded is None:
+        return [""]
+    found = service.uploads.sensors(uploaded.id) if told is None else told["sensor_choices"]
+    return [one["name"] for one in found] or [""]
+
+
+def texts_of(request: JobRequest) -> dict[str, str]:
+    """The parameters of a request as XML has them. Raises ProblemError."""
+    try:
+        return dict(SceneFile("", request.settings.parameters).parameters)
+    except SceneError as error:
+        raise refused("settings.parameters", str(error)) from None
+
+
 def _check_target(target: TargetRequest, width: int, height: int, settings: ServiceSettings) -> None:
     if target.region is not None:
         try:
@@ -68,15 +160,21 @@ def _check_target(target: TargetRequest, width: int, height: int, settings: Serv
         raise refused("target.spp", f"{target.spp} of {width}×{height} pixels are too many; this service allows {most}")
 
 
-def check_queue(waiting: Mapping[str, int], client_id: str, settings: ServiceSettings) -> None:
-    """Whether one more job of a client may wait. waiting: queued jobs by client. Raises ProblemError."""
-    limits = [(sum(waiting.values()), settings.max_waiting_jobs, "the limit of this service")]
-    if client_id:
-        limits.append((waiting.get(client_id, 0), settings.max_waiting_per_client, "the limit of one client"))
-    for count, most, whose in limits:
-        if count >= most:
-            detail = f"{count} jobs wait already, {whose}; try again later or cancel some."
-            raise ProblemError(429, "queue-full", "The queue is full", detail, headers={"Retry-After": "30"})
+def queue_limits(settings: ServiceSettings) -> QueueLimits:
+    """How many jobs may wait."""
+    return QueueLimits(settings.max_waiting_jobs, settings.max_waiting_per_client)
+
+
+def check_disk(settings: Mapping[str, Any], disk: Disk) -> None:
+    """Whether the estimate of a job can be saved. settings: resolved ones. Raises ProblemError."""
+    if shortage := disk.shortage(job_bytes(settings)):
+        raise disk_full(shortage, "render and keep this picture")
+
+
+def check_memory(need: Need, accountant: Accountant) -> None:
+    """Whether the renderer can ever hold a job. Raises ProblemError."""
+    if (why := accountant.never_fits(need)) is not None:
+        raise refused("settings.width", why)
 
 
 def request_digest(request: JobRequest) -> str:
@@ -99,13 +197,3 @@ def check_continuation(job: JobRecord, request: ContinueRequest, settings: Servi
     if target.error is not None and bound is not None and is_same_scope and bound <= target.error:
         raise refused("target.error", f"{bound:.4g} is reached already; ask for less than that")
     return target.model_dump()
-
-
-def size_of(film: tuple[int, int], width: int | None, height: int | None) -> tuple[int, int]:
-    """Pixels of the image: as asked; one side given scales the other; neither: the scene's film."""
-    if width is None and height is None:
-        return film
-    if width is None:
-        assert height is not None
-        return max(1, round(film[0] * height / film[1])), height
-    return width, max(1, round(film[1] * width / film[0])) if height is None else height

@@ -7,6 +7,8 @@ import os
 import secrets
 from pathlib import Path
 
+from service.durable_files import sync_path
+
 
 def written_once(path: Path, fresh: str) -> str:
     """The text of a file; `fresh`, if it is not there yet. Readable by its user alone.
@@ -26,6 +28,7 @@ def written_once(path: Path, fresh: str) -> str:
             os.fsync(file.fileno())
         with contextlib.suppress(FileExistsError):  # another process was first
             os.link(temporary, path)
+        sync_path(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
     return path.read_text().strip()

@@ -1,4 +1,4 @@
-"""What lies behind each pixel: albedo, normal, depth, position, shape. For denoisers, compositing and masks.
+"""What lies behind each pixel: albedo, normal, depth, position, shape, alpha. For denoisers, compositing and masks.
 
 Enters: a loaded scene and its camera. Leaves: one array per channel, from the first hit of the same camera rays that a
 pixel's first replicate starts with. Conventions, where they matter:
@@ -9,6 +9,9 @@ pixel's first replicate starts with. Conventions, where they matter:
   the camera, in the scene's units; position is in world space.
 - shape_index: of the first sample, the position in `scene.shapes()`; −1 where it hits nothing. Mitsuba merges meshes
   that share a material into one shape.
+- alpha: as `path` of Mitsuba has it, mean over the samples: 1 where a path meets a surface that does more than let it
+  pass, and everywhere under a sky that is not hidden. Of a medium, the share that does not pass it straight; all other
+  channels are of the first surface, be it the border of a medium.
 """
 
 from __future__ import annotations
@@ -20,12 +23,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba, using
-from renderer.equation.path import LENS, PIXEL, TIME_AND_WAVELENGTH, PathKernel
+from renderer.equation.media import Stream
+from renderer.equation.mueller import intensity
+from renderer.equation.path import (
+    BSDF_DIRECTION,
+    LENS,
+    LOBE_AND_ROULETTE,
+    PER_VERTEX,
+    PIXEL,
+    TIME_AND_WAVELENGTH,
+    PathKernel,
+)
 from renderer.equation.sequence import Sequence
 
 mi: Any = mitsuba()
 
 SAMPLES = 16
+ONE_VALUE = ("depth", "shape_index", "alpha")
+MOST_PASSED = 64  # surfaces that a ray may pass before what is behind counts as seen
 MAX_LANES = 2**20  # of one launch: bounds memory on large images
 
 
@@ -42,7 +57,7 @@ def render_channels(
 
 def _chunk(kernel: PathKernel, names: tuple[str, ...], start: int, stop: int, seed: int) -> dict[str, NDArray]:
     """Channels of pixels start … stop − 1."""
-    sums = {name: np.zeros((stop - start, 1 if name in ("depth", "shape_index") else 3)) for name in names}
+    sums = {name: np.zeros((stop - start, 1 if name in ONE_VALUE else 3)) for name in names}
     white = np.zeros((stop - start, 3))
     hits = np.zeros((stop - start, 1))
     for index in range(SAMPLES):
@@ -55,7 +70,7 @@ def _chunk(kernel: PathKernel, names: tuple[str, ...], start: int, stop: int, se
     for name in names:
         if name in ("depth", "position"):
             sums[name] /= np.maximum(hits, 1)
-        elif name == "normal":
+        elif name in ("normal", "alpha"):
             sums[name] /= SAMPLES
         elif name == "albedo":
             # Relative to what a white surface would give: with sampled wavelengths both vary together.
@@ -71,7 +86,8 @@ def _sample(
     pixel = dr.arange(mi.UInt32, n) + dr.opaque(mi.UInt32, start)
     low, high = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), dr.opaque(mi.UInt32, seed >> 32)
     key_a, key_b = Sequence.keys(low, high, pixel, mi.UInt32(0))
-    sequence = Sequence(mi, key_a, key_b, replicate_size, kernel.model.stratified)
+    # A sequence repeats itself after as many points as its replicates have.
+    sequence = Sequence(mi, key_a, key_b, dr.maximum(replicate_size, SAMPLES), kernel.model.stratified)
     sample = dr.opaque(mi.UInt32, index)
     offset, weight = kernel.filter.sample(sequence.point(sample, PIXEL))
     corner = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
@@ -83,9 +99,11 @@ def _sample(
     hit = si.is_valid()
 
     values: dict[str, Any] = {"hit": dr.select(hit, mi.Float(1), 0)}
+    spectral_weight = intensity(spectral_weight)
     values["white"] = kernel.to_rgb(spectral_weight, ray.wavelengths) * weight
     if "albedo" in names:
-        albedo = si.bsdf().eval_diffuse_reflectance(si, hit) * spectral_weight
+        albedo = si.bsdf().eval_diffuse_reflectance(si, hit)
+        albedo = intensity(albedo) * spectral_weight
         values["albedo"] = dr.select(hit, kernel.to_rgb(albedo, ray.wavelengths) * weight, 0)
     if "normal" in names:
         values["normal"] = dr.select(hit, si.sh_frame.n * weight, 0)
@@ -93,10 +111,49 @@ def _sample(
         values["depth"] = dr.select(hit, si.t, 0)
     if "position" in names:
         values["position"] = dr.select(hit, si.p, 0)
+    if "alpha" in names:
+        values["alpha"] = _alpha(kernel, sequence, sample, ray, si) * weight
     if "shape_index" in names:
         values["shape_index"] = _shape_index(kernel.mitsuba_scene, si, hit)
     dr.eval(values)
     return {name: _columns(value, n) for name, value in values.items()}
+
+
+def _alpha(kernel: PathKernel, sequence: Sequence, sample: Any, ray: Any, si: Any) -> Any:
+    """1 where the sample's path is scattered by a surface, else 0. Hidden lights and null surfaces are passed."""
+    hides = kernel.model.hide_emitters
+    if not hides and kernel.mitsuba_scene.environment() is not None:
+        return mi.Float(1)
+    alpha = mi.Float(0)
+    media, through = kernel.media, mi.Float(1)
+    stream, drawn = Stream(sequence.key_a, sequence.key_b, sample), mi.UInt32(0)
+    medium = mi.UInt32(0) if media is None else media.sensor_key
+    if media is not None:
+        ratio, drawn = media.transmittance(ray, medium, dr.minimum(si.t, ray.maxt), stream, drawn, mi.Bool(True))
+        through *= dr.mean(ratio)
+    active = si.is_valid()
+    is_first = mi.Bool(True)  # as far as depth goes, of which hidden lights take none
+    for passed in range(MOST_PASSED):
+        is_hidden = active & is_first & (si.shape.emitter() != None) & hides  # noqa: E711 (a Dr.Jit comparison)
+        vertex = PER_VERTEX * (passed + 1)
+        lobe = sequence.point(sample, vertex + LOBE_AND_ROULETTE).x
+        u = sequence.point(sample, vertex + BSDF_DIRECTION)
+        bs, _ = si.bsdf(ray).sample(mi.BSDFContext(), si, lobe, u, active)
+        passes = is_hidden | mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
+        alpha[active & ~passes] = 1
+        active &= passes
+        if not (hides or kernel.model.has_null) or not dr.any(active):
+            break
+        is_first &= is_hidden
+        if media is not None:
+            medium = media.target(si, ray.d, medium, active & ~is_hidden)
+        ray = si.spawn_ray(ray.d)
+        si = kernel.mitsuba_scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+        if media is not None:
+            ratio, drawn = media.transmittance(ray, medium, si.t, stream, drawn, active)
+            through *= dr.mean(ratio)
+        active &= si.is_valid()
+    return dr.select(alpha == 1, 1, 1 - through)
 
 
 def _columns(value: Any, n: int) -> NDArray[np.float64]:

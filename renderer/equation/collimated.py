@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
+from renderer.equation.mueller import intensity
 
 mi: Any = mitsuba()
 
@@ -65,4 +66,4 @@ class CollimatedLights:
         ds.delta[is_collimated] = True
         ds.emitter[is_collimated] = emitter
         ds.pdf[is_collimated] = dr.select(is_lit, 1, 0)
-        return ds, dr.select(is_collimated, dr.select(is_lit, flux / row[9], 0), weight)
+        return ds, dr.select(is_collimated, dr.select(is_lit, intensity(flux) / row[9], 0), weight)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
+from renderer.equation.mueller import intensity
 from renderer.equation.tables import last_up_to, number, table
 from renderer.estimate.moments import LUMINANCE
 
@@ -60,11 +61,17 @@ class EnvironmentMap:
         self._plugin = plugin
         self.height, self.width = texels.shape[:2]
         sines = np.sin(np.arange(self.height) * np.pi / (self.height - 1))
-        luminance: NDArray[np.float64] = np.asarray(texels @ LUMINANCE, np.float64)
+        luminance: NDArray[np.float64] = np.asarray(np.abs(texels) @ LUMINANCE, np.float64)
+        needs_poles = _is_lit_from_a_pole_alone(luminance)
         if is_compensated:
             luminance = _compensated(luminance, sines)
         weights = luminance * sines[:, None]
-        weights /= weights[:-1].sum()  # of which each is a quarter of four cells
+        if needs_poles or not (weights[1:-1] > 0).any():
+            sines[[0, -1]] = np.sin(np.pi / 4 / (self.height - 1))
+            weights = luminance * sines[:, None]
+            weights /= weights[1:-1].sum() + 0.5 * weights[[0, -1]].sum()
+        else:
+            weights /= weights[:-1].sum()  # of which each is a quarter of four cells
         wrapped = np.concatenate([weights, weights[:, :1]], axis=1)
         mass = 0.25 * (wrapped[:-1, :-1] + wrapped[:-1, 1:] + wrapped[1:, :-1] + wrapped[1:, 1:])
         self._divide(mass, PATCH_ROWS, PATCH_COLUMNS)
@@ -120,7 +127,7 @@ class EnvironmentMap:
         texels = padded[:, 1:-1, :] * np.float32(np.array(known["scale"]).ravel()[0])
         if texels.shape[2] not in (1, 3):
             return None
-        if not np.isfinite(texels).all() or (texels < 0).any() or not (texels[1:-1] > 0).any():
+        if not np.isfinite(texels).all() or not texels.any():
             return None
         rotation = np.array(known["to_world"].matrix, np.float64).reshape(4, 4)[:3, :3]
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-5):
@@ -175,10 +182,10 @@ class EnvironmentMap:
 
     def _radiance(self, found: Any, direction: Any, active: Any) -> Any:
         if self._plugin is None:
-            return mi.Spectrum(found.x) if mi.is_monochromatic else mi.Color3f(found.x, found.y, found.z)
+            return mi.UnpolarizedSpectrum(found.x) if mi.is_monochromatic else mi.Color3f(found.x, found.y, found.z)
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.wi = -direction
-        return self._plugin.eval(si, active)
+        return intensity(self._plugin.eval(si, active))
 
     def _density(self, weight: Any, patch: Any, sine: Any, active: Any) -> Any:
         return dr.select(sine > 0, weight * dr.gather(mi.Float, self._scales, patch, active) / sine, 0)
@@ -198,9 +205,24 @@ class EnvironmentMap:
         d = mi.Vector3f(*(table(axis, mi.Float) for axis in directions))
         si = dr.zeros(mi.SurfaceInteraction3f, PROBES)
         si.wi = -d
-        theirs, ours = emitter.eval(si), self.spot(d, mi.Bool(True)).radiance
+        theirs, ours = intensity(emitter.eval(si)), self.spot(d, mi.Bool(True)).radiance
         near = np.abs(np.array(theirs) - np.array(ours)) <= TOLERANCE * (np.abs(np.array(theirs)) + np.mean(theirs))
         return bool(near.mean() > 0.99)  # a texel's edge may fall to either side
+
+
+def is_lit(emitter: Any) -> bool:
+    """Whether a map has light that can be sampled: without any off the poles, Mitsuba's plugin has a density of NaN."""
+    data = np.array(mi.traverse(emitter)["data"], np.float32)
+    light = data[..., -1:] if mi.is_spectral else data  # there a scale goes with the shape of the spectrum
+    return bool(light[1:-1].any()) or (bool(light.any()) and not mi.is_spectral)
+
+
+def _is_lit_from_a_pole_alone(luminance: NDArray[np.float64]) -> bool:
+    """Whether the row of a pole is bright beside texels without light: by the sines of rows alone nothing there would
+    ever be sampled."""
+    wrapped = np.concatenate([luminance, luminance[:, :1]], axis=1) > 0
+    cells = wrapped[:, :-1] | wrapped[:, 1:]
+    return bool((cells[0] & ~cells[1]).any() or (cells[-1] & ~cells[-2]).any())
 
 
 def _smaller(texels: NDArray[np.float32]) -> NDArray[np.float32]:

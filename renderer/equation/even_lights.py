@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
+from renderer.equation.mueller import intensity
 from renderer.equation.primitives import sphere_of, whole_plate_of
+from renderer.equation.surface_lights import is_smooth, is_varying, normal_at
 from renderer.equation.tables import registry_id, table
 
 mi: Any = mitsuba()
@@ -53,6 +55,7 @@ class EvenLights:
         known = rows[:, 11] > 0
         self.is_empty = not known.any()
         self.knows_all = bool(known.all())
+        self.n_known = int(known.sum())
         others = [emitter for emitter, is_known in zip(emitters, known, strict=True) if not is_known]
         self.other = others[0] if len(others) == 1 else None
         self.has_balls = bool((rows[known, 3] != 0).any())
@@ -90,7 +93,7 @@ class EvenLights:
             si.p, si.n, si.sh_frame = ds.p, ds.n, mi.Frame3f(ds.n)
             si.wi = si.to_local(-ds.d)
             si.time, si.wavelengths = ref.time, ref.wavelengths
-            radiance = emitter.eval(si, active)
+            radiance = intensity(emitter.eval(si, active))
         else:
             radiance = light.radiance
         ds.pdf = dr.select(shines, ds.pdf, 0)
@@ -117,7 +120,7 @@ class EvenLights:
         radiance = mi.Color3f(e.x, e.y, e.z)
         return _Light(
             mi.Point3f(a.x, a.y, a.z), a.w, mi.Vector3f(b.x, b.y, b.z), b.w, mi.Vector3f(c.x, c.y, c.z), c.w,
-            mi.Normal3f(d.x, d.y, d.z), mi.Spectrum(radiance.x) if mi.is_monochromatic else radiance,
+            mi.Normal3f(d.x, d.y, d.z), mi.UnpolarizedSpectrum(radiance.x) if mi.is_monochromatic else radiance,
         )  # fmt: skip
 
     def _gathered(self, quarter: int, index: Any, active: Any) -> Any:
@@ -129,19 +132,18 @@ class EvenLights:
 def _fill(row: NDArray[np.float32], emitter: Any, shape: Any) -> None:
     if shape is None or emitter.class_name() != "AreaLight":
         return
-    if mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying):
+    if is_varying(emitter) or is_smooth(shape):
         return
-    at = shape.sample_position(0, mi.Point2f(0.3, 0.4))
-    p, n = (np.array(x, np.float64).ravel() for x in (at.p, at.n))
     if (ball := sphere_of(shape)) is not None:
         centre, radius = ball
-        row[:3], row[3] = centre, radius if n @ (p - centre) > 0 else -radius
+        up = np.array([0.0, 0.0, radius])
+        row[:3], row[3] = centre, radius if normal_at(shape, centre + up) @ up > 0 else -radius
         row[7] = 1 / (4 * np.pi * radius**2)
     elif (plate := whole_plate_of(shape)) is not None:
         centre, first, second = plate
         row[:3], row[4:7], row[8:11] = centre, first, second
         row[7] = 1 / (4 * np.linalg.norm(np.cross(first, second)))
-        row[12:15] = n
+        row[12:15] = np.array(shape.sample_position(0, mi.Point2f(0.3, 0.4)).n, np.float64).ravel()
     else:
         return
     row[11] = 1
@@ -149,7 +151,7 @@ def _fill(row: NDArray[np.float32], emitter: Any, shape: Any) -> None:
         return
     si = dr.zeros(mi.SurfaceInteraction3f)
     si.wi = mi.Vector3f(0, 0, 1)
-    row[16:19] = np.array(emitter.eval(si), np.float64).ravel()
+    row[16:19] = np.array(intensity(emitter.eval(si)), np.float64).ravel()
 
 
 def _point_on_ball(ref: Any, u: Any, light: _Light) -> tuple[Any, Any]:

@@ -1,4 +1,5 @@
 """Reconstruction filters by importance sampling: every sample belongs to one pixel, so pixel errors are independent.
+Where samples are shared instead, see `film`.
 
 Enters: Mitsuba's reconstruction filter. Leaves: an offset of the sample from the pixel's corner, drawn in proportion to
 |filter|, and a weight (1 for positive filters, ± a constant where the filter has negative lobes).

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
+from renderer.equation.mueller import intensity
 from renderer.equation.sequence import Sequence
 from renderer.equation.tables import table
 
@@ -22,6 +23,7 @@ mi: Any = mitsuba()
 # An eighth of the samples leaves a room of 200 lights 1.15 times the variance; skies lose more.
 WALKS, VERTICES = 8192, 3  # paths, and how far each goes
 MOST_SAMPLES = 2**21  # of lights, over all points
+METERED = 4  # of so many points, one more lies on the surface of a meter
 POINTS_PER_PLACE = 16
 MOST_PLACES = 512
 SEED = 0x5EED
@@ -47,6 +49,10 @@ def survey(scene: Any, sensor: Any, sample_light: Any, n_entries: int) -> Seen |
     wanted = min(WALKS * VERTICES, MOST_SAMPLES // n_entries)
     places = max(1, min(MOST_PLACES, wanted // POINTS_PER_PLACE))
     points, normals, transmits = _vertices(scene, sensor, wanted)
+    if hasattr(sensor, "vertex"):  # of a meter, where all its paths begin
+        metered = _metered(sensor, max(wanted // METERED, 1))
+        points, normals = np.concatenate([points, metered[0]]), np.concatenate([normals, metered[1]])
+        transmits = np.concatenate([transmits, np.zeros(len(metered[0]), bool)])
     if len(points) == 0:
         return None
     given = _given(scene, points, normals, transmits, sample_light, n_entries, _mid_time(sensor))
@@ -69,15 +75,29 @@ def _vertices(scene: Any, sensor: Any, wanted: int) -> tuple[Any, ...]:
     return p[good], n[good], kind[good] > 1
 
 
+def _metered(sensor: Any, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n, 3) points of the shape that a meter is on, and their normals."""
+    ray = dr.zeros(mi.Ray3f)
+    ray.time = _mid_time(sensor)
+    si, _ = sensor.vertex(ray, _even_points(dr.arange(mi.UInt32, n)))
+    # All of them equal on a point-like or flat shape: then they may be one number.
+    p, n_ = (np.broadcast_to(np.array(v, np.float64).reshape(3, -1), (3, n)).T for v in (si.p, si.n))
+    return p, n_
+
+
+def _even_points(lane: Any) -> Any:
+    """The most even points of any number in the square (Roberts 2018)."""
+    at = mi.Point2f(mi.Float(lane) * 0.7548776662466927, mi.Float(lane) * 0.5698402909980532)
+    return at - dr.floor(at)
+
+
 @dr.syntax
 def _walk(scene: Any, sensor: Any, lane: Any) -> Any:
     key_a, key_b = Sequence.keys(mi.UInt32(SEED), mi.UInt32(0), lane, mi.UInt32(0))
     sequence = Sequence(mi, key_a, key_b, mi.UInt32(1), stratified=False)
-    # The most even points of any number in the square (Roberts 2018).
-    at = mi.Point2f(mi.Float(lane) * 0.7548776662466927, mi.Float(lane) * 0.5698402909980532)
     u = sequence.point(mi.UInt32(0), 0)
     opening = _mid_time(sensor)
-    ray, _ = sensor.sample_ray(opening, u.x, at - dr.floor(at), sequence.point(mi.UInt32(0), 1), True)
+    ray, _ = sensor.sample_ray(opening, u.x, _even_points(lane), sequence.point(mi.UInt32(0), 1), True)
     p, n = dr.zeros(mi.Float, WALKS * VERTICES * 3), dr.zeros(mi.Float, WALKS * VERTICES * 3)
     kind = dr.zeros(mi.UInt32, WALKS * VERTICES)  # 1: light is reflected; 2: it may pass, too
     step = mi.UInt32(0)
@@ -98,7 +118,7 @@ def _walk(scene: Any, sensor: Any, lane: Any) -> Any:
         dr.scatter(kind, dr.select(passes, mi.UInt32(2), 1), slot, is_smooth)
         first, second = sequence.point(mi.UInt32(0), 2 * step + 2), sequence.point(mi.UInt32(0), 2 * step + 3)
         bs, weight = bsdf.sample(mi.BSDFContext(), si, first.x, second, active)
-        active &= dr.any(weight != 0)
+        active &= dr.any(intensity(weight) != 0)
         following = si.spawn_ray(si.to_world(bs.wo))
         origin, direction = following.o, following.d
         step += 1
@@ -125,7 +145,7 @@ def _given(
     ref = dr.zeros(mi.Interaction3f, n * n_entries)
     ref.time = time
     ref.p, ref.n = dr.gather(mi.Point3f, p, point), dr.gather(mi.Normal3f, normal, point)
-    scale = mi.Spectrum(1)
+    scale = mi.UnpolarizedSpectrum(1)
     if mi.is_spectral:
         ref.wavelengths, scale = mi.sample_rgb_spectrum(mi.sample_shifted(u.y))
     ds, weight = sample_light(ref, lane - point * entries, u, mi.Bool(True))

@@ -12,6 +12,7 @@ import drjit as dr
 import numpy as np
 
 from renderer.backend import mitsuba
+from renderer.equation.mueller import depolarised, intensity
 from renderer.equation.tables import registry_id, table
 
 mi: Any = mitsuba()
@@ -50,10 +51,10 @@ class Matte:
         pdf = dr.select(dr.any(reflectance > 0), cosine * dr.inv_pi, 0)
         bs, weight = self._sampled(reflectance, side, u)
         if self.are_all:
-            return reflectance * pdf, pdf, bs, weight
+            return depolarised(reflectance * pdf), pdf, bs, weight
         value_other, pdf_other, other, weight_other = bsdf.eval_pdf_sample(ctx, si, wo, u_lobe, u, active & ~is_plain)
         return (
-            dr.select(is_plain, reflectance * pdf, value_other),
+            dr.select(is_plain, depolarised(reflectance * pdf), value_other),
             dr.select(is_plain, pdf, pdf_other),
             dr.select(is_plain, bs, other),
             dr.select(is_plain, weight, weight_other),
@@ -70,6 +71,17 @@ class Matte:
         other, weight_other = bsdf.sample(ctx, si, u_lobe, u, active & ~is_plain)
         return dr.select(is_plain, bs, other), dr.select(is_plain, weight, weight_other)
 
+    def eval_pdf(self, bsdf: Any, ctx: Any, si: Any, wo: Any, active: Any) -> tuple[Any, Any]:
+        """As Mitsuba's BSDF of that name, for all surfaces."""
+        if self.is_empty:
+            return bsdf.eval_pdf(ctx, si, wo, active)
+        reflectance, side, is_plain = self._reflectance(bsdf, si, active)
+        pdf = dr.select(dr.any(reflectance > 0), dr.maximum(wo.z * side, 0) * dr.inv_pi, 0)
+        if self.are_all:
+            return reflectance * pdf, pdf
+        value_other, pdf_other = bsdf.eval_pdf(ctx, si, wo, active & ~is_plain)
+        return dr.select(is_plain, reflectance * pdf, value_other), dr.select(is_plain, pdf, pdf_other)
+
     def _reflectance(self, bsdf: Any, si: Any, active: Any) -> tuple[Any, Any, Any]:
         """Reflectance of the side that is seen, the sign of its normal, and whether the surface is plain."""
         cosine = mi.Frame3f.cos_theta(si.wi)
@@ -78,7 +90,7 @@ class Matte:
         at = dr.minimum(found_id, mi.UInt32(self.beyond))
         found = dr.gather(mi.Vector4f, self._rows, 2 * at + dr.select(cosine < 0, mi.UInt32(1), 0), active)
         reflectance = mi.Color3f(found.x, found.y, found.z)
-        return mi.Spectrum(found.x) if mi.is_monochromatic else reflectance, side, found.w > 0
+        return mi.UnpolarizedSpectrum(found.x) if mi.is_monochromatic else reflectance, side, found.w > 0
 
     def _sampled(self, reflectance: Any, side: Any, u: Any) -> tuple[Any, Any]:
         bs = dr.zeros(mi.BSDFSample3f)
@@ -87,7 +99,7 @@ class Matte:
         bs.wo.z *= side
         bs.eta = 1
         bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
-        return bs, mi.Spectrum(dr.select(bs.pdf > 0, reflectance, 0))
+        return bs, depolarised(dr.select(bs.pdf > 0, reflectance, 0))
 
 
 def _may_be_plain(bsdf: Any) -> bool:
@@ -114,7 +126,7 @@ def _reflectances(bsdfs: list[Any]) -> dict[int, tuple[Any, Any] | None]:
     si.uv = mi.Point2f(*(table(x, mi.Float) for x in rng.random((2, n))))
     pointers: Any = dr.reinterpret_array(mi.BSDFPtr, table(np.repeat(ids, 2 * PROBES), mi.UInt32))
     value, pdf = pointers.eval_pdf(mi.BSDFContext(), si, wo, dr.full(mi.Bool, True, n))
-    values = np.array(value, np.float64)
+    values = np.array(intensity(value), np.float64)
     channels = 1 if mi.is_monochromatic else 3
     answers = values.reshape(channels, len(ids), 2, PROBES) * np.pi / np.abs(z[1]).reshape(len(ids), 2, PROBES)
     pdfs = np.array(pdf, np.float64).reshape(len(ids), 2, PROBES) * np.pi / np.abs(z[1]).reshape(len(ids), 2, PROBES)

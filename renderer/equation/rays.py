@@ -46,14 +46,19 @@ class TreeRays:
     def __init__(self, scene: Any) -> None:
         self.scene = scene
 
-    def meet(self, ray: Any, start: Any, active: Any) -> Met:
-        """The first surface along the ray. start: key of the surface that it starts on."""
-        si = self.scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+    def meet(self, ray: Any, start: Any, active: Any, is_coherent: Any = False) -> Met:
+        """The first surface along the ray. start: key of the surface that it starts on. is_coherent: whether the rays
+        beside it are much like it, as the camera's are."""
+        si = self.scene.ray_intersect(ray, mi.RayFlags.All, is_coherent, active)
         return Met(si, si.bsdf(), si.emitter(self.scene), start)
 
     def origin(self, si: Any, direction: Any) -> Any:
         """Where a ray from a surface starts: a hair above, so that it does not meet it again."""
         return si.spawn_ray(direction).o
+
+    def leaving(self, si: Any, direction: Any, emitter: Any, active: Any) -> tuple[Any, Any]:
+        """Where a ray from a point of a light starts, and the key of the surface that it starts on."""
+        return self.origin(si, direction), mi.UInt32(NOWHERE)
 
     def is_blocked(self, si: Any, origin: Any, ds: Any, passes: Any, start: Any, active: Any) -> Any:
         """Whether anything lies between a surface and a point on a light. origin: as `origin` says on the side of the
@@ -98,7 +103,7 @@ class ListRays:
 
     # ------------------------------ What is met ------------------------------
 
-    def meet(self, ray: Any, start: Any, active: Any) -> Met:
+    def meet(self, ray: Any, start: Any, active: Any, is_coherent: Any = False) -> Met:
         """The first surface along the ray. start: key of the surface that it starts on."""
         t, number, u, v = self._nearest(ray, start)
         is_hit = active & (number < len(self.primitives.all))
@@ -147,6 +152,13 @@ class ListRays:
     def origin(self, si: Any, direction: Any) -> Any:
         """Where a ray from a surface starts: on it, since it passes over that one."""
         return si.p
+
+    def leaving(self, si: Any, direction: Any, emitter: Any, active: Any) -> tuple[Any, Any]:
+        """Where a ray from a point of a light starts, and the key of the surface that it starts on: a hair above where
+        the light is more than one surface."""
+        light: Any = dr.reinterpret_array(mi.UInt32, emitter)
+        surface = dr.gather(mi.UInt32, self._lights, light, active)
+        return dr.select(surface == NOWHERE, si.spawn_ray(direction).o, si.p), surface
 
     def is_blocked(self, si: Any, origin: Any, ds: Any, passes: Any, start: Any, active: Any) -> Any:
         """Whether anything lies between a surface and a point on a light."""

@@ -98,3 +98,77 @@ def delta_probability(bsdf: Any) -> Any:
     has_smooth = mi.has_flag(flags, mi.BSDFFlags.Smooth)
     has_delta = mi.has_flag(flags, mi.BSDFFlags.Delta) | mi.has_flag(flags, mi.BSDFFlags.Null)
     return dr.select(has_delta, dr.select(has_smooth, 0.5, 1.0), 0.0)
+
+
+class GuidedDirections:
+    """Draws directions from a mixture of a guide and of what `Directions` draw (one-sample MIS, Veach 1997).
+
+    A guide serves surfaces that scatter diffusely and let no light pass: it knows nothing of narrow lobes, and all that
+    are mirrors or clear as well keep the share that their BSDF gives to either.
+    """
+
+    def __init__(self, inner: Directions, guide: Any) -> None:
+        self.inner, self.guide = inner, guide
+        self.by_bsdf, self.is_uniform, self.splits_lobes = inner.by_bsdf, inner.is_uniform, inner.splits_lobes
+        self._eval_pdf = inner.eval_pdf if inner.splits_lobes else inner.matte.eval_pdf
+
+    def sample(self, bsdf: Any, ctx: Any, si: Any, u_lobe: Any, u: Any, active: Any) -> tuple[Any, Any]:
+        """As `Directions.sample`."""
+        return self._sample(bsdf, ctx, si, None, u_lobe, u, active)[2:]
+
+    def eval_pdf(self, bsdf: Any, ctx: Any, si: Any, wo: Any, active: Any) -> tuple[Any, Any]:
+        """As `Directions.eval_pdf`."""
+        value, pdf = self.inner.eval_pdf(bsdf, ctx, si, wo, active)
+        is_served, place, share = self._place(bsdf, si, active)
+        return value, self._mixed(share, pdf, place, si, wo, is_served)
+
+    def eval_pdf_sample(
+        self, bsdf: Any, ctx: Any, si: Any, wo: Any, u_lobe: Any, u: Any, active: Any
+    ) -> tuple[Any, ...]:
+        """As `Directions.eval_pdf_sample`. A sample's `eta` holds besides, where the guide serves, the root of how many
+        times denser the mixture is than the BSDF's own directions: with its square, roulette takes a path for what it
+        would carry without the guide. Else it would end those that were sent where light is, for they carry little.
+        """
+        return self._sample(bsdf, ctx, si, wo, u_lobe, u, active)
+
+    def _sample(self, bsdf: Any, ctx: Any, si: Any, wo: Any, u_lobe: Any, u: Any, active: Any) -> tuple[Any, ...]:
+        """As `eval_pdf_sample`; wo: None where nobody asks of another direction. Drawn from the guide, the cell comes
+        from what is left of u_lobe, so that the cells of a replicate's samples are stratified, and u places it there.
+        """
+        is_served, place, share = self._place(bsdf, si, active)
+        takes_guide = u_lobe >= share
+        u_lobe = dr.minimum(dr.select(takes_guide, (u_lobe - share) / (1 - share), u_lobe / share), 1 - 2**-24)
+        if wo is None:
+            value, pdf = mi.Spectrum(0), mi.Float(0)
+            bs, weight = self.inner.sample(bsdf, ctx, si, u_lobe, u, active)
+        else:
+            value, pdf, bs, weight = self.inner.eval_pdf_sample(bsdf, ctx, si, wo, u_lobe, u, active)
+            pdf = self._mixed(share, pdf, place, si, wo, is_served)
+        guided_wo = si.to_local(self.guide.sample(place, u_lobe, u, takes_guide))
+        guided_value, guided_pdf = self._eval_pdf(bsdf, ctx, si, guided_wo, takes_guide)
+        bs.wo[takes_guide] = guided_wo
+        blind = dr.select(takes_guide, guided_pdf, bs.pdf)
+        mixed = self._mixed(share, blind, place, si, bs.wo, is_served)
+        weight[is_served] = dr.select(takes_guide, guided_value, weight * bs.pdf) / mixed
+        weight[is_served & ~((mixed > 0) & (blind > 0))] = 0
+        bs.pdf[is_served] = mixed
+        bs.eta[is_served] = dr.select(blind > 0, dr.sqrt(mixed / blind), 1)
+        bs.sampled_type[takes_guide] = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
+        return value, pdf, bs, weight
+
+    def _place(self, bsdf: Any, si: Any, active: Any) -> tuple[Any, Any, Any]:
+        """Whether the guide serves a surface, the place there, and the share of directions that the BSDF draws."""
+        is_served = active & is_served_by_guide(bsdf)
+        place = self.guide.place(si.p, dr.select(si.wi.z < 0, -si.sh_frame.n, si.sh_frame.n), is_served)
+        return is_served, place, dr.select(is_served, self.guide.share(place, is_served), 1)
+
+    def _mixed(self, share: Any, pdf: Any, place: Any, si: Any, wo: Any, is_served: Any) -> Any:
+        """Density of the mixture. pdf: that of the BSDF."""
+        return share * pdf + (1 - share) * self.guide.pdf(place, si.to_world(wo), is_served)
+
+
+def is_served_by_guide(bsdf: Any) -> Any:
+    """Whether a guide draws some of a surface's directions."""
+    kinds = mi.BSDFFlags
+    flags = bsdf.flags()
+    return mi.has_flag(flags, kinds.Diffuse) & ((flags & int(kinds.Transmission | kinds.Delta | kinds.Null)) == 0)

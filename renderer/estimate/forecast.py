@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 MIN_POINTS = 2  # for the pace
 EARLY = 0.6  # of the logarithm of the error that is not seen yet, times the samples
@@ -23,6 +24,8 @@ MAX_CAUTION = 1.65  # the bound over the error; beyond, it is the tail that will
 OVERSHOOT = 1.075  # half of what a round adds
 MIN_SPREAD = 0.05  # of the logarithm of the samples,
 DOUBT = 0.4  # and this share of that of the bound over the error
+ADAPTING = 1.2  # times fewer samples that adaptive rounds will need, in the middle of what was measured,
+ADAPTING_SPREAD = 0.3  # and how much the logarithm of that varies between scenes
 Z95 = 1.96
 
 
@@ -37,6 +40,40 @@ class CurvePoint:
 
 
 @dataclass(frozen=True, slots=True)
+class Curve:
+    """Error over time of one estimate, carried on with it. region: whose error it is, "" for the whole image.
+    confidence: of the bounds.
+    """
+
+    region: str = ""
+    confidence: float = 0.95
+    points: tuple[CurvePoint, ...] = ()
+
+    def about(self, region: str, confidence: float) -> Curve:
+        """What it says to another question: nothing of another region, and no bounds of another confidence."""
+        if region != self.region:
+            return Curve(region, confidence)
+        points = self.points
+        if confidence != self.confidence:
+            points = tuple(replace(point, upper=None) for point in points)
+        return Curve(region, confidence, points)
+
+    def extended(self, point: CurvePoint) -> Curve:
+        """With one more point."""
+        return replace(self, points=(*self.points, point))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for files."""
+        points = [[p.seconds, p.spp, p.error, p.upper] for p in self.points]
+        return {"region": self.region, "confidence": self.confidence, "points": points}
+
+    @classmethod
+    def of(cls, kept: dict[str, Any]) -> Curve:
+        """From plain values."""
+        return cls(kept["region"], kept["confidence"], tuple(CurvePoint(*point) for point in kept["points"]))
+
+
+@dataclass(frozen=True, slots=True)
 class Forecast:
     """Seconds of render time until the target error, with a 95 % interval."""
 
@@ -45,8 +82,9 @@ class Forecast:
     high: float
 
 
-def forecast(curve: Sequence[CurvePoint], target: float) -> Forecast | None:
-    """Seconds left until the bound of the error falls to `target`; None while that is not known."""
+def forecast(curve: Sequence[CurvePoint], target: float, is_level_so_far: bool = False) -> Forecast | None:
+    """Seconds left until the bound of the error falls to `target`; None while that is not known. is_level_so_far:
+    whether rounds will be adaptive and have not been yet: the curve knows nothing of what that saves."""
     known = [p for p in curve if p.upper is not None and p.error > 0 and p.spp > 0]
     if len(curve) < MIN_POINTS or not known or _caution(known[-1]) > MAX_CAUTION:
         return None
@@ -65,6 +103,9 @@ def forecast(curve: Sequence[CurvePoint], target: float) -> Forecast | None:
         return pace * (OVERSHOOT * samples - last.spp) if samples > last.spp else 0.0
 
     margin = Z95 * max(spread, MIN_SPREAD + DOUBT * math.log(_caution(last)))
+    if is_level_so_far:
+        centre -= math.log(ADAPTING)
+        margin = math.hypot(margin, ADAPTING_SPREAD)
     return Forecast(left(centre), left(centre - margin), left(centre + margin))
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from renderer.estimate.correlation import INDEPENDENT, Correlation
 from renderer.estimate.moments import Moments
 from renderer.estimate.neighbours import Map, box_mean, box_sum, doubled, event_rate, halved
 
@@ -46,19 +47,27 @@ def half_width(moments: Moments, confidence: float = 0.95) -> NDArray[np.float64
     return quantile[:, None] * np.sqrt(moments.variance_of_mean())
 
 
-def trust(moments: Moments, width: int) -> NDArray[np.bool_]:
-    """(n,) whether each pixel's interval can be believed. width: of the image that the pixels form, row by row."""
+def stokes_half_width(moments: Moments, confidence: float = 0.95) -> NDArray[np.float64]:
+    """(n, 9) the same of S1 to S3; (n, 0) where light is not polarised."""
+    quantile = t_quantile(0.5 + confidence / 2, np.maximum(moments.count - 1, 1))
+    return quantile[:, None] * np.sqrt(moments.stokes_variance_of_mean())
+
+
+def trust(moments: Moments, width: int, correlation: Correlation = INDEPENDENT) -> NDArray[np.bool_]:
+    """(n,) whether each pixel's interval can be believed. width: of the image that the pixels form, row by row.
+    correlation: of neighbouring pixels.
+    """
     if moments.count.max(initial=0) < MIN_REPLICATES:
         return np.zeros(len(moments.count), bool)
     total = np.abs(moments.luminance()) * moments.count
     alone = (
         (moments.count >= MIN_REPLICATES) & (moments.nonzero >= MIN_NONZERO) & (moments.largest <= MAX_SHARE * total)
     )
-    return alone & _is_settled(moments, width) if alone.any() else alone
+    return alone & _is_settled(moments, width, correlation.events) if alone.any() else alone
 
 
-def _is_settled(moments: Moments, width: int) -> NDArray[np.bool_]:
-    """(n,) whether enough bright values have been seen, here and around."""
+def _is_settled(moments: Moments, width: int, repeated: float) -> NDArray[np.bool_]:
+    """(n,) whether enough bright values have been seen, here and around. repeated: times that each is counted there."""
     shape = (len(moments.count) // width, width)
     measured = moments.count >= 2
     own = np.abs(moments.luminance())
@@ -80,9 +89,10 @@ def _is_settled(moments: Moments, width: int) -> NDArray[np.bool_]:
     while max(sums[0].shape) > WINDOW:
         sums = tuple(halved(a) for a in sums)
         around = tuple(box_sum(a, WINDOW) for a in sums)
-        doubts.append(_doubt(around[3] / 4, *around[:3]))  # the window before has a quarter of the replicates
+        # The window before has a quarter of the replicates.
+        doubts.append(_doubt(around[3] / (4 * repeated), *around[:3]))
     whole = tuple(np.full((1, 1), a.sum()) for a in sums)
-    doubt = _doubt(np.full((1, 1), around[3].max()), *whole[:3])
+    doubt = _doubt(np.full((1, 1), around[3].max() / repeated), *whole[:3])
     for narrower in reversed(doubts):
         doubt = np.maximum(doubled(doubt, narrower.shape), narrower)
     passed &= doubled(doubt, shape) <= tolerated

@@ -59,7 +59,7 @@ def svg(found: Measurement) -> str:
     truth = f"; dotted: true error against {found.reference}" if found.reference else ""
     subtitle = (
         f"{found.width}×{found.height} pixels, {found.seconds:g} s each, taking turns; "
-        f"×: efficiency, 1/(variance × s), over the default's{truth}"
+        f"×: efficiency, 1/(variance × s), over the default's, 95 % interval; ?: not known yet{truth}"
     )
     body.append(_text(MARGIN, 60, subtitle, 11, MUTED))  # a single panel is no wider than this line
     axes = _axes(drawn)
@@ -154,10 +154,13 @@ def _curve(row: Row, axes: _Axes, colour: str, is_default: bool) -> str:
 def _label(found: Measurement, row: Row) -> str:
     if row is found.default:
         return row.name
-    ratio = found.relative_efficiency(row)
-    if row.candidate.is_biased:
-        return f"{row.name}: {ratio:.2g} ×, −{percent(max(0.0, row.lost_light))} light"
-    return f"{row.name}: {ratio:.2g} ×" + ("" if row.is_trusted else " ?")
+    light = f", −{percent(max(0.0, row.lost_light))} light" if row.candidate.is_biased else ""
+    interval = found.efficiency_interval(row)
+    if interval is None:
+        return f"{row.name} ?{light}"
+    low, high = interval
+    said = "no difference" if low <= 1 <= high else f"{low:.2g}–{high:.2g} ×"
+    return f"{row.name}: {said}{light}"
 
 
 def _labels(labels: list[tuple[float, float, str, str, bool]]) -> list[str]:

@@ -59,14 +59,16 @@ def model_costs(scene: Scene, settings: Settings, seconds: float) -> list[Kernel
     """The lean kernel first, then with each omission put back, then the full one. seconds: of launching each."""
     from renderer.scene.compile import load_scene
 
-    resolved = scene.resolved(settings, settings.replicate_size or DEFAULT_REPLICATE_SIZE)
+    resolved = scene.resolved(
+        replace(settings, independent_pixels=True), settings.replicate_size or DEFAULT_REPLICATE_SIZE
+    )
     lean, full = scene.model(resolved), scene.model(resolved, full=True)
     tried: list[tuple[str, Scene, Model]] = [("lean", scene, lean)]
     for name in omissions(lean, full):
         tried.append((f"with {_TOLD.get(name, name)}", scene, replace(lean, **{name: getattr(full, name)})))
     if len(tried) > 2:
         tried.append(("with all of these", scene, full))
-    if scene.colour == "mono":
+    if scene.colour == "mono" and not scene.is_polarised:
         in_rgb = load_scene(scene.source, settings=replace(settings, colour="rgb"), rewrites=scene.rewrites)
         tried.append(("with three channels", in_rgb, lean))
     compiled = [[_compilation(made, model, 1 + turn) for _, made, model in tried] for turn in range(COMPILATIONS)]
@@ -103,7 +105,7 @@ def _compilation(scene: Scene, model: Model, turn: int) -> tuple[int, float]:
         lane = dr.opaque(mi.UInt32, 0, 16)
         anew = mi.UInt32((time.time_ns() // 1000) % 2**31 + turn)  # no opaque: part of the code
         dr.kernel_history_clear()
-        dr.eval(kernel._run(lane, lane, anew, mi.UInt32(turn), kernel.sizes))
+        dr.eval(kernel._run(lane, lane, (anew, mi.UInt32(turn)), kernel.sizes, None, None))
         dr.sync_thread()
         found = max(dr.kernel_history(), key=lambda k: k.get("operation_count", 0))
     return int(found["operation_count"]), (found["codegen_time"] + found["backend_time"]) / 1000
@@ -124,9 +126,7 @@ def _launch(scene: Scene, model: Model, lanes: int) -> float:
     # Other processes on the same cores do not count.
     clock = time.process_time if scene.variant.startswith("llvm") else time.perf_counter
     began = clock()
-    results = scene.kernel_of(model).launch(index % n, index // n, 1)
-    dr.sync_thread()
-    del results
+    scene.kernel_of(model).launch(index % n, index // n, 1)
     return clock() - began
 
 

@@ -11,8 +11,15 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from renderer.estimate.interval import t_quantile
 from renderer.measure.candidates import Candidate
 
+Z95 = 1.96
+LATER = 1 / 8  # of the time, from which on a start no longer bends the curve
+LEAST_STRETCHES, MOST_STRETCHES = 4, 8  # of a curve, from which its scatter is read
 TARGETS = (0.10, 0.05, 0.02, 0.01)
 BUDGETS = (1.0, 10.0, 60.0, 600.0)
 # Below both of these an error is a lower bound at best. Few replicates alone are no reason: that is a short run.
@@ -83,6 +90,24 @@ class Row:
         return math.inf if self.last is None else self.last.error**2 * self.last.seconds
 
     @property
+    def log_spread(self) -> float | None:
+        """Standard error of the logarithm of variance × time; None where the run was too short or cannot be trusted.
+
+        From how evenly work, 1 / error², grew over the stretches of the curve's later part (the jackknife), where both
+        noise and a machine that was not always equally fast show; and from how well the last error is known.
+        """
+        stretches = _stretches(self.curve)
+        if not self.is_trusted or self.last is None or stretches is None:
+            return None
+        seconds, work = stretches
+        rate, m = work.sum() / seconds.sum(), len(seconds)
+        if rate <= 0 or self.last.low <= 0:
+            return None
+        of_rate = math.sqrt(float(np.square(work - rate * seconds).sum()) * m / (m - 1)) / work.sum()
+        of_error = math.log(self.last.high / self.last.low) / (2 * Z95)
+        return math.hypot(of_rate, 2 * of_error)
+
+    @property
     def efficiency(self) -> float:
         """1 / (variance × seconds)."""
         return 1 / self.variance_time if self.variance_time > 0 else math.inf
@@ -127,6 +152,15 @@ class Measurement:
         """Efficiency as a multiple of the default's."""
         return row.efficiency / self.default.efficiency if self.default.last else math.nan
 
+    def efficiency_interval(self, row: Row) -> tuple[float, float] | None:
+        """95 % interval of the relative efficiency; None where too little is known of one of the two."""
+        if row is self.default or row.log_spread is None or self.default.log_spread is None:
+            return None
+        degrees = min(LEAST_STRETCHES, len(row.curve) - 1, len(self.default.curve) - 1)
+        reach = float(t_quantile(0.975, degrees)) * math.hypot(row.log_spread, self.default.log_spread)
+        ratio = self.relative_efficiency(row)
+        return ratio * math.exp(-reach), ratio * math.exp(reach)
+
     def recommended(self, budget: float, allow_lost_light: bool = False) -> Row | None:
         """The setting with the lowest expected error after `budget` seconds; None where none found any light.
 
@@ -170,6 +204,7 @@ class Measurement:
             "variance_time": row.variance_time if last else None,
             "efficiency": row.efficiency if last else None,
             "relative_efficiency": self.relative_efficiency(row) if last and self.default.last else None,
+            "relative_efficiency_interval": self.efficiency_interval(row),
             "share_trusted": row.share_trusted,
             "invalid": row.invalid,
             "lost_light": row.lost_light,
@@ -188,6 +223,17 @@ class Measurement:
             "expected_error": best and best.error_after(budget),
             "if_light_may_be_lost": None if shallow is None or shallow is best else shallow.name,
         }
+
+
+def _stretches(curve: tuple[Point, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Seconds and work of a few stretches of the curve's later part; None where there are too few points."""
+    later = [point for point in curve if point.seconds >= LATER * curve[-1].seconds and point.error > 0]
+    points = later if len(later) > LEAST_STRETCHES else [point for point in curve if point.error > 0]
+    if len(points) <= LEAST_STRETCHES:
+        return None
+    n = min(len(points) - 1, MOST_STRETCHES)
+    ends = [points[round(i * (len(points) - 1) / n)] for i in range(n + 1)]
+    return np.diff([end.seconds for end in ends]), np.diff([1 / end.error**2 for end in ends])
 
 
 def _crossing(before: Point | None, after: Point, target: float) -> float:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from renderer.measure.candidates import Candidate, candidates
 from renderer.measure.reference import Reference
 from renderer.measure.result import Measurement, Point, Row
 from renderer.progress import Snapshot, progressive
+from renderer.scene.parameters import Source
 from renderer.settings import Settings, Target
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ MOST_PIXELS = 2**15  # where no size is asked for
 
 
 def measure(
-    scene: Scene | str | Path | dict[str, Any],
+    scene: Scene | Source,
     *,
     seconds: float = DEFAULT_SECONDS,
     settings: Settings | None = None,

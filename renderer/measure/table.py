@@ -63,8 +63,25 @@ def _cells(found: Measurement, row: Row) -> list[str]:
     cells = [name, _millions(row), percent(last.error) + mark, f"{percent(last.low)}–{percent(last.high)}"]
     if found.reference:
         cells.append("–" if last.true_error is None else percent(last.true_error))
-    cells += [f"{row.variance_time:.2e}", f"{found.relative_efficiency(row):.2f} ×{mark}"]
+    cells += [f"{row.variance_time:.2e}", say_ratio(found, row)]
     return cells + [_time(row.time_to(target)) for target in TARGETS]
+
+
+def say_ratio(found: Measurement, row: Row) -> str:
+    """Efficiency over the default's with its 95 % interval, where that is known and does not hold 1."""
+    if row is found.default:
+        return "1"
+    interval = found.efficiency_interval(row)
+    if interval is None:
+        return "not known yet"
+    low, high = interval
+    if low <= 1 <= high:
+        return f"no difference seen ({_short(low)}–{_short(high)})"
+    return f"{_short(found.relative_efficiency(row))} × ({_short(low)}–{_short(high)})"
+
+
+def _short(ratio: float) -> str:
+    return f"{ratio:.2f}" if ratio < 9.95 else f"{ratio:.0f}"
 
 
 def _millions(row: Row) -> str:
@@ -78,7 +95,7 @@ def _time(found: TimeTo | None) -> str:
 
 
 def _caption(found: Measurement) -> str:
-    notes = ["efficiency = 1 / (variance × seconds), as a multiple of the first line's; ~ forecast, others measured"]
+    notes = ["efficiency = 1 / (variance × seconds), as a multiple of the first line's, with 95 % interval; ~ forecast"]
     if any(not row.is_trusted for row in found.rows):
         notes.append("? most pixels' error bars cannot be believed yet: the true error may be far larger")
     if any(row.candidate.is_biased for row in found.rows):

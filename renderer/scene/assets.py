@@ -15,14 +15,14 @@ from typing import Any
 from renderer.backend import mitsuba
 from renderer.errors import SceneError
 from renderer.scene.files.mesh import MeshFacts, read_mesh
-from renderer.scene.files.picture import PictureFacts, read_grid, read_picture
+from renderer.scene.files.picture import GridFacts, PictureFacts, read_grid, read_picture
+from renderer.scene.files.tables import check_curves, check_ellipsoids, check_tensors
+from renderer.scene.files.voxels import check_file
 from renderer.scene.limits import MEBIBYTE, SceneLimits
+from renderer.scene.plugins import PLUGINS, having
 from renderer.scene.vet.nodes import value_of
 
-MESHES = ("ply", "obj", "serialized")
-PICTURES = ("bitmap", "envmap")
 SKY_BYTES = 24  # per pixel of an environment map, of the tables that it is sampled by
-GRIDS = ("gridvolume", "sdfgrid")
 # Measured on Mitsuba 3.9 with Embree: faces and ray-casting structure; positions, normals and texture coordinates.
 TRIANGLE_BYTES, VERTEX_BYTES = 110, 32
 
@@ -39,6 +39,7 @@ class Assets:
     digests: dict[int, bytes] = field(default_factory=dict)
     meshes: dict[int, MeshFacts] = field(default_factory=dict)
     pictures: dict[int, PictureFacts] = field(default_factory=dict)
+    grids: dict[int, GridFacts] = field(default_factory=dict)
     triangles: int = 0
     texture_pixels: int = 0
     memory_bytes: int = 0
@@ -64,7 +65,9 @@ def look(
     read: dict[str, bytes] = {}  # digests by path
     meshes: dict[int, MeshFacts] = {}
     pictures: dict[int, PictureFacts] = {}
+    grids: dict[int, GridFacts] = {}
     seen: dict[tuple[str, int], Any] = {}
+    seen_grids: set[Any] = set()
     triangles = texture_pixels = memory = 0
     skipped = (mi.ObjectType.Integrator, mi.ObjectType.Sampler, mi.ObjectType.Film)
     for index, node in enumerate(state.nodes):
@@ -74,16 +77,15 @@ def look(
         plugin = node.props.plugin_name()
         found = resolve(name)
         path = paths[index] = Path(found)
-        if not _is_file(found):
-            what = "is a folder" if path.is_dir() else "is missing"
+        # What lies elsewhere is as missing as what is not there, and told with the same words.
+        is_elsewhere = limits.is_confined and folder is not None and not path.resolve().is_relative_to(folder.resolve())
+        if is_elsewhere or not is_file(found):
+            what = "is a folder" if not is_elsewhere and path.is_dir() else "is missing"
             raise SceneError(f"{place(node)}: {name[:200]!r} {what}; put that file beside the scene")
-        if limits.is_confined and folder is not None and not path.resolve().is_relative_to(folder.resolve()):
-            # Found where Mitsuba looks beside the scene's folder: in its own, and in that of the process.
-            raise SceneError(f"{place(node)}: {name[:200]!r} is missing in the upload; put that file beside the scene")
         asked = value_of(node, "shape_index", 0)
         key = (found, asked if isinstance(asked, int) else 0)
         try:
-            if plugin in MESHES:
+            if plugin in having("mesh"):
                 mesh = seen.get(key)
                 if mesh is None:
                     with open(found, "rb") as file:
@@ -94,7 +96,7 @@ def look(
                 meshes[index], digests[index] = mesh, read[found]
                 triangles += mesh.triangles
                 memory += mesh.triangles * TRIANGLE_BYTES + mesh.vertices * VERTEX_BYTES
-            elif plugin in PICTURES:
+            elif plugin in having("picture"):
                 picture = pictures[index] = seen.get(key) or read_picture(path)
                 pixels = picture.width * picture.height
                 if pixels > limits.texture_pixels:
@@ -104,9 +106,15 @@ def look(
                 memory += pixels * picture.channels * max(2, picture.value_bytes)  # Mitsuba reads it for each node
                 memory += pixels * SKY_BYTES if plugin == "envmap" else 0
                 seen[key] = picture
-            elif plugin in GRIDS:
-                memory += 4 * read_grid(path)
+            elif plugin in having("grid"):
+                is_distance = plugin == "sdfgrid"
+                grid = grids[index] = read_grid(path, 2 if is_distance else 1)
+                memory += 4 * grid.values
+                if memory <= limits.memory_bytes and (key, is_distance) not in seen_grids:
+                    check_file(path, grid, is_signed=is_distance)
+                    seen_grids.add((key, is_distance))
             else:
+                check_other(plugin, path)
                 memory += 4 * path.stat().st_size
         except SceneError as error:
             raise SceneError(f"{place(node)}: {error}") from None
@@ -117,13 +125,24 @@ def look(
                 f"{place(node)}: the scene would take more than {memory // MEBIBYTE} MiB of memory, and the limit is "
                 f"{limits.memory_bytes // MEBIBYTE} MiB; use smaller pictures, fewer triangles or instances"
             )
-    return Assets(paths, digests, meshes, pictures, triangles, texture_pixels, memory)
+    return Assets(paths, digests, meshes, pictures, grids, triangles, texture_pixels, memory)
 
 
-def _is_file(path: str) -> bool:
+def check_other(plugin: str, path: Path) -> None:
+    """Looks through a file that is neither mesh, picture nor grid. Raises SceneError."""
+    if plugin in having("curves"):
+        check_curves(path, PLUGINS[plugin].points)
+    elif plugin in having("splats"):
+        check_ellipsoids(path)
+    elif plugin in having("tensor"):
+        check_tensors(path)
+
+
+def is_file(path: str) -> bool:
+    """Whether there is a file; not for names that no file can have."""
     try:
         return os.path.isfile(path)
-    except (OSError, ValueError):  # names that no file can have
+    except (OSError, ValueError):
         return False
 
 

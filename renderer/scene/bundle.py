@@ -24,8 +24,10 @@ SCENE_SUFFIXES = (".xml", ".json")
 _CODE_SUFFIXES = (".so", ".dll", ".dylib", ".pyd", ".py", ".exe")
 _CHUNK = 1 << 16
 _ENTRY_MARK = b"PK\x01\x02"  # before each entry of a zip's list
-# Small files may be packed as tightly as they like.
-_RATIO_FREE_BYTES = 1 << 20
+# Of the bytes that a bundle may hold: up to so many a file may be packed tightly. An empty volume packs 1000:1.
+_TIGHT_SHARE = 0.5
+# What systems and file managers leave beside the files that were meant.
+_LEFT_BEHIND = frozenset({".ds_store", "thumbs.db", "desktop.ini"})
 
 
 class BundleError(Exception):
@@ -34,7 +36,7 @@ class BundleError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a bundle may hold: files, bytes when unpacked, and unpacked/packed ratio of one file."""
+    """What a bundle may hold: files, bytes when unpacked, and unpacked/packed ratio of one large file."""
 
     files: int
     unpacked_bytes: int
@@ -80,8 +82,22 @@ def unpack(source: BinaryIO, file_name: str, folder: Path, limits: Limits) -> Bu
     else:
         raise BundleError(f"{name} is neither .xml nor .json nor .zip; upload a Mitsuba scene file or a zip with it")
     scene = _scene_file(list(files))
-    digest = hashlib.sha256("".join(f"{path}\0{files[path]}\n" for path in sorted(files)).encode()).hexdigest()
-    return Bundle(name=name, scene=scene, digest=digest)
+    return Bundle(name=name, scene=scene, digest=_digest(files))
+
+
+def digest_of(folder: Path) -> str:
+    """The digest of what lies in a folder now: that of its bundle, as long as nothing in it has changed."""
+    files: dict[str, str] = {}
+    for path in folder.rglob("*"):
+        if path.is_file():
+            with path.open("rb") as file:
+                files[path.relative_to(folder).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
+    return _digest(files)
+
+
+def _digest(files: dict[str, str]) -> str:
+    """Of names and content. files: sha256 by path."""
+    return hashlib.sha256("".join(f"{path}\0{files[path]}\n" for path in sorted(files)).encode()).hexdigest()
 
 
 def _unpack_zip(source: BinaryIO, folder: Path, limits: Limits) -> dict[str, str]:
@@ -91,6 +107,8 @@ def _unpack_zip(source: BinaryIO, folder: Path, limits: Limits) -> dict[str, str
         with zipfile.ZipFile(source) as archive:
             entries = _vetted(archive, limits)
             return {path: _extract(archive, entry, folder / path) for path, entry in entries.items()}
+    except UnicodeError as error:  # of a name that says it is UTF-8
+        raise BundleError("the zip file is damaged (a name that is no text); pack it again") from error
     except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, struct.error, LookupError) as error:
         raise BundleError(f"the zip file is damaged ({error}); pack it again") from error
     except (OverflowError, MemoryError) as error:
@@ -114,16 +132,16 @@ def _vetted(archive: zipfile.ZipFile, limits: Limits) -> dict[str, zipfile.ZipIn
     """The entries to unpack, by path; everything is checked before a byte is written."""
     entries: dict[str, zipfile.ZipInfo] = {}
     folded: set[str] = set()
+    folders: set[PurePosixPath] = set()
     total = 0
     for entry in archive.infolist():
-        if entry.is_dir() or entry.filename.startswith("__MACOSX/") or entry.filename.endswith(".DS_Store"):
+        if entry.is_dir() or entry.filename.endswith("\\") or _is_left_behind(entry.filename):
             continue
         path = _inside(entry.filename)
         shown = repr(entry.filename[:100])
-        # Some systems do not tell case apart: two names that differ only there would overwrite each other.
-        if path.casefold() in folded:
+        if _folded(path) in folded:
             raise BundleError(f"{shown} is in the zip file twice; keep one")
-        folded.add(path.casefold())
+        folded.add(_folded(path))
         mode = entry.external_attr >> 16
         if stat.S_IFMT(mode) not in (0, stat.S_IFREG):
             raise BundleError(f"{shown} is a link or a special file; put the file itself into the zip")
@@ -131,26 +149,45 @@ def _vetted(archive: zipfile.ZipFile, limits: Limits) -> dict[str, zipfile.ZipIn
             raise BundleError(f"{shown} is code, which a scene needs not; leave it out")
         if entry.flag_bits & 0x1:
             raise BundleError(f"{shown} is encrypted; pack it without a password")
-        if entry.file_size > max(_RATIO_FREE_BYTES, limits.ratio * max(1, entry.compress_size)):
-            raise BundleError(
-                f"{shown} unpacks to more than {limits.ratio:g} times its packed size; pack it less tightly"
-            )
         total += entry.file_size
         if total > limits.unpacked_bytes:
             raise BundleError(f"the files unpack to more than {limits.unpacked_bytes / 2**20:g} MiB; send less")
+        tight_bytes = _TIGHT_SHARE * limits.unpacked_bytes
+        if entry.file_size > max(tight_bytes, limits.ratio * max(1, entry.compress_size)):
+            raise BundleError(
+                f"{shown} unpacks to {entry.file_size / 2**20:.4g} MiB, more than {limits.ratio:g} times its packed "
+                f"size; above {tight_bytes / 2**20:g} MiB send it packed less tightly, or split it"
+            )
         entries[path] = entry
+        folders.update(PurePosixPath(path).parents)
+        if len(folders) > limits.files:
+            raise BundleError(f"the files lie in more than {limits.files} folders; put more of them side by side")
         if len(entries) > limits.files:
             raise BundleError(f"the zip file holds more than {limits.files} files; send fewer")
+    if both := folded & {_folded(str(one)) for one in folders}:
+        raise BundleError(f"{min(both)[:100]!r} is a file and a folder in the zip file; rename one")
     if not entries:
         raise BundleError("the zip file is empty; put a scene.xml and its files into it")
     return entries
 
 
+def _folded(path: str) -> str:
+    """Some systems do not tell apart case, or é from e with an accent: what is one name there is one here."""
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", path).casefold())
+
+
+def _is_left_behind(name: str) -> bool:
+    """Whether an entry is no file of the scene but what macOS or Windows puts beside them: forks, icons, settings."""
+    parts = name.replace("\\", "/").split("/")
+    return "__MACOSX" in parts or parts[-1].startswith("._") or parts[-1].lower() in _LEFT_BEHIND
+
+
 def _inside(name: str) -> str:
     """The path of an entry below the folder. Refuses what would lead out of it, on any system."""
     shown = repr(name[:100])
-    if "\\" in name or any(unicodedata.category(c)[0] == "C" for c in name):
-        raise BundleError(f"{shown} has a backslash or a control character in its name; rename the file")
+    if any(unicodedata.category(c)[0] == "C" for c in name):
+        raise BundleError(f"{shown} has a control character in its name; rename the file")
+    name = name.replace("\\", "/")  # some programs of Windows write it so
     path = PurePosixPath(name)
     if path.is_absolute() or re.match(r"^[A-Za-z]:", name):
         raise BundleError(f"{shown} is an absolute path; paths in the zip must be relative")

@@ -15,14 +15,10 @@ from renderer.backend import mitsuba
 from renderer.errors import SceneError
 from renderer.scene.assets import Assets
 from renderer.scene.files.picture import has_colour
+from renderer.scene.files.voxels import channels_of
+from renderer.scene.plugins import having
 from renderer.scene.vet.nodes import properties
 
-# Measured spectra, skies, and attributes that come with a mesh.
-_COLOURED = frozenset(
-    "blackbody hair irregular measured measured_polarized mesh_attribute regular rawconstant specfilm sunsky "
-    "timed_sunsky gridvolume".split()
-)
-_NOT_A_COLOUR = frozenset({"normalmap", "bumpmap"})  # their texture is geometry
 _NAMED_MATERIALS = ("none", "")
 
 
@@ -34,7 +30,11 @@ def coloured_by(state: Any, assets: Assets) -> str | None:
     skipped = (mi.ObjectType.Integrator, mi.ObjectType.Sampler, mi.ObjectType.Film, mi.ObjectType.Sensor)
     for index, node in enumerate(state.nodes):
         plugin = node.props.plugin_name()
-        if plugin == "specfilm" or (plugin in _COLOURED and node.type not in skipped):
+        if plugin == "gridvolume":
+            if _grid_channels(node, index, assets) > 1:
+                return plugin
+            continue
+        if plugin == "specfilm" or (plugin in having("coloured") and node.type not in skipped):
             return plugin
         if node.type in skipped or index in geometry:
             continue
@@ -53,13 +53,39 @@ def coloured_by(state: Any, assets: Assets) -> str | None:
     return None
 
 
+def _grid_channels(node: Any, index: int, assets: Assets) -> int:
+    """Of a grid in a file or in memory."""
+    if index in assets.grids:
+        return assets.grids[index].channels
+    return max(
+        (channels_of(np.array(value).shape) for key, value in properties(node) if key in ("grid", "data")), default=1
+    )
+
+
+def spectral_by(state: Any) -> str | None:
+    """The spectrum that a light or a surface has and that only single wavelengths can be asked for, as "irregular";
+    None where red, green and blue will do. What a film or a sensor has is a response, and no light.
+    """
+    mi = mitsuba()
+    kind = mi.Properties.Type.ResolvedReference
+    for node in state.nodes:
+        if node.type not in (mi.ObjectType.Emitter, mi.ObjectType.BSDF, mi.ObjectType.Texture):
+            continue
+        for key, value in properties(node):
+            if node.props.type(key) == kind:
+                plugin = state.nodes[value.index()].props.plugin_name()
+                if plugin in having("spectral"):
+                    return plugin
+    return None
+
+
 def _geometry_textures(state: Any) -> set[int]:
     """Nodes that stand for bumps and normals, and for nothing else."""
     geometry: set[int] = set()
     others: set[int] = set()
     kind = mitsuba().Properties.Type.ResolvedReference
     for node in state.nodes:
-        found = geometry if node.props.plugin_name() in _NOT_A_COLOUR else others
+        found = geometry if node.props.plugin_name() in having("geometry") else others
         for key, value in properties(node):
             if node.props.type(key) == kind and state.nodes[value.index()].type == mitsuba().ObjectType.Texture:
                 found.add(value.index())
@@ -73,7 +99,8 @@ def _is_coloured(key: str, value: Any, is_light: bool) -> bool:
         return bool(np.ptp(channels) > 0)
     if name == "Spectrum":
         # A light of constant spectrum is not white: white is the light of day (D65).
-        return is_light or (not value.is_uniform() and len(set(value.values)) > 1)
+        # Equal values at some wavelengths are no grey either: there is nothing beyond the first and the last one.
+        return is_light or not value.is_uniform()
     if name == "Bitmap" or "Tensor" in name:  # pictures that were handed over in memory
         pixels = np.array(value)
         return pixels.ndim == 3 and pixels.shape[-1] >= 3 and bool(np.ptp(pixels[..., :3], axis=-1).max() > 0)

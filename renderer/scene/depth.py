@@ -19,6 +19,8 @@ def depth_advice(state: Any, max_depth: int, features: Features) -> str:
         return "Nothing reflects: depth 1 shows all the light there is."
     if features.has_transmission and 0 <= max_depth < _GLASS_DEPTH:
         return f"Light through glass needs depth {_GLASS_DEPTH} or more; at {max_depth} it stays dark."
+    if any(node.type == mitsuba().ObjectType.Medium for node in state.nodes):
+        return "Light is scattered in a medium, often many times: leave the depth unlimited, roulette ends its paths."
     albedo = _highest_albedo(state)
     if albedo is None:
         return "Unlimited depth ends by roulette; a limit of 8 to 16 is enough for most scenes without glass."

@@ -1,6 +1,6 @@
 """What a kernel for a scene has to contain: told from the plugins alone, and never too little.
 
-Enters: parsed nodes. Leaves: `Features`. The flags of Mitsuba's BSDF plugins are those of its documentation.
+Enters: parsed nodes. Leaves: `Features`. What is known of each plugin stands in `scene.plugins`.
 """
 
 from __future__ import annotations
@@ -11,24 +11,11 @@ from typing import Any
 import numpy as np
 
 from renderer.backend import mitsuba
+from renderer.scene.plugins import having
 from renderer.scene.vet.nodes import channels, properties
 
-# Wrappers (twosided, mask, blendbsdf, bumpmap, normalmap) have the lobes of what they wrap.
-_WRAPPERS = frozenset("twosided mask blendbsdf bumpmap normalmap".split())
-_DELTA_ONLY = frozenset("conductor dielectric thindielectric null polarizer retarder circular".split())
-_DELTA = _DELTA_ONLY | frozenset("plastic mask".split())
-_NULL = frozenset("null mask thindielectric polarizer retarder circular".split())
-_ONE_SIDED = frozenset("diffuse conductor roughconductor plastic roughplastic pplastic measured".split()) | _WRAPPERS
-_ENVIRONMENTS = frozenset("constant envmap sunsky timed_sunsky".split())
-_POINTS = frozenset("point spot projector directional directionalarea".split())
-_UNSEEN = frozenset("point spot projector directional".split())
-# The same wherever on the surface and whichever way it is turned, as long as their parameters are.
-_ISOTROPIC = (
-    _DELTA_ONLY
-    | frozenset("diffuse plastic roughplastic roughconductor roughdielectric".split())
-    | frozenset("twosided mask blendbsdf".split())
-)
-_EVEN = frozenset("uniform srgb regular irregular blackbody d65 rawconstant".split())
+_WRAPPERS = having("wraps")
+_DELTA_ONLY = having("delta", "BSDF") - having("smooth") - _WRAPPERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +23,8 @@ class Features:
     """has_delta: some BSDF has mirror or clear-glass lobes. has_smooth: some has others. has_null: light may pass a
     surface unchanged. has_transmission: light may pass a surface. has_environment: light may come from a miss.
     has_point_lights: lights that no ray can hit. has_visible_emitters: lights that a ray can. reflects: some light may
-    be reflected at all. needs_time: the picture depends on the time within the shutter's opening (nothing moves in
-    Mitsuba 3). needs_uv: something looks at texture coordinates or tangents of surfaces.
+    be reflected, or scattered by a medium, at all. needs_time: the picture depends on the time within the shutter's
+    opening (nothing moves in Mitsuba 3). needs_uv: something looks at texture coordinates or tangents of surfaces.
     """
 
     has_delta: bool
@@ -61,15 +48,16 @@ def of(state: Any) -> Features:
     if has_bare_shape(state):
         bsdfs.add("diffuse")  # Mitsuba's default
     return Features(
-        has_delta=bool(bsdfs & _DELTA),
+        has_delta=bool(bsdfs & having("delta")),
         has_smooth=bool(bsdfs - _DELTA_ONLY - _WRAPPERS),
-        has_null=bool(bsdfs & _NULL),
-        has_transmission=bool(bsdfs - _ONE_SIDED) or "mask" in bsdfs,
-        has_environment=bool(emitters & _ENVIRONMENTS),
-        has_point_lights=bool(emitters & _POINTS),
-        has_visible_emitters=bool(emitters - _UNSEEN),
+        has_null=bool(bsdfs & having("null")),
+        has_transmission=bool(bsdfs & having("transmits")),
+        has_environment=bool(emitters & having("environment")),
+        has_point_lights=bool(emitters & having("delta")),
+        has_visible_emitters=bool(emitters - having("unseen")),
         reflects=any(node.type == mi.ObjectType.BSDF and _reflects(state, node) for node in nodes)
-        or has_bare_shape(state),
+        or has_bare_shape(state)
+        or any(node.type == mi.ObjectType.Medium for node in nodes),
         needs_uv=_needs_uv(state),
     )
 
@@ -79,11 +67,11 @@ def _needs_uv(state: Any) -> bool:
     mi = mitsuba()
     for node in state.nodes:
         plugin = node.props.plugin_name()
-        if node.type == mi.ObjectType.BSDF and plugin not in _ISOTROPIC:
+        if node.type == mi.ObjectType.BSDF and plugin not in having("isotropic"):
             return True
         if node.type == mi.ObjectType.BSDF and {"alpha_u", "alpha_v"} & {key for key, _ in properties(node)}:
             return True
-        if node.type == mi.ObjectType.Texture and plugin not in _EVEN:
+        if node.type == mi.ObjectType.Texture and plugin not in having("even"):
             return True
     return False
 

@@ -41,6 +41,52 @@ def children(state: Any, node: Any) -> Iterator[tuple[str, int]]:
             yield key, value.index()
 
 
+def meters(state: Any) -> dict[int, int]:
+    """The sensors that are part of the scene's own shapes: index of a sensor's node → index of its shape's."""
+    mi = mitsuba()
+    own = [index for _, index in children(state, state.root) if state.nodes[index].type == mi.ObjectType.Shape]
+    pairs = [(inner, shape) for shape in own for _, inner in children(state, state.nodes[shape])]
+    return {inner: shape for inner, shape in pairs if state.nodes[inner].type == mi.ObjectType.Sensor}
+
+
+# In place of a sensor on a shape: Mitsuba's irradiance meters lack a function that its batches call of all sensors.
+STAND_IN = "orthographic"
+
+
+def take_meters_off(state: Any) -> None:
+    """Takes sensors off their shapes: they are made apart, and Mitsuba 3.9 makes none on a mesh.
+
+    Where there are media, a stand-in beside the cameras, in the order of the meters, knows the medium that each is in:
+    its own, or the one outside of its shape.
+    """
+    mi = mitsuba()
+    found = meters(state)
+    has_media = any(node.type == mi.ObjectType.Medium for node in state.nodes)
+    for sensor, shape in found.items() if has_media else ():
+        _stand_in(state, state.nodes[sensor], state.nodes[shape])
+        state.root.props[f"meter_{sensor}"] = mi.Properties.ResolvedReference(sensor)
+    for node in state.nodes:
+        if node.type not in (mi.ObjectType.Shape, mi.ObjectType.Sensor):
+            continue
+        inner = [key for key, index in children(state, node) if index in found]
+        for key in inner:
+            del node.props[key]
+        if inner and node.type == mi.ObjectType.Sensor:  # a batch of meters
+            node.props.set_plugin_name(STAND_IN)
+
+
+def _stand_in(state: Any, sensor: Any, shape: Any) -> None:
+    """Makes a meter's node one of a sensor that has nothing but the medium that the meter is in."""
+    mi = mitsuba()
+    own = [index for _, index in children(state, sensor) if state.nodes[index].type == mi.ObjectType.Medium]
+    outside = [index for key, index in children(state, shape) if key == "exterior"]
+    for key in list(sensor.props.keys()):
+        del sensor.props[key]
+    sensor.props.set_plugin_name(STAND_IN)
+    for index in (own or outside)[:1]:
+        sensor.props["medium"] = mi.Properties.ResolvedReference(index)
+
+
 def placed_shapes(state: Any, assets: Assets) -> list[Placed]:
     """The shapes of the scene itself, each once. What a shape group holds is placed by its instances alone."""
     mi = mitsuba()

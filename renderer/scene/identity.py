@@ -48,7 +48,7 @@ def _fingerprint(value: Any) -> str:
     if type(value).__name__ == "Spectrum":  # its text has six digits, or the number of values alone
         return _array_text(np.array([*value.wavelengths, *value.values], np.float64))
     mi = mitsuba()
-    if isinstance(value, mi.Object) and not isinstance(value, mi.Bitmap):
+    if isinstance(value, mi.Object) and not isinstance(value, (mi.Bitmap, mi.VolumeGrid)):
         parameters = mi.traverse(value)
         parts = [f"{k}:{_fingerprint(parameters[k])}" for k in sorted(parameters.keys())]
         return f"{type(value).__name__}({','.join(parts)})"

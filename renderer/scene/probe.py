@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from renderer.backend import mitsuba, using
+from renderer.scene.plugins import having
 
 if TYPE_CHECKING:
     from renderer.scene.compile import Scene
 
 _DIRECTIONS = 4096
-_AT_INFINITY = frozenset("constant envmap sunsky timed_sunsky directional".split())
 
 
 def closed_room_warning(scene: Scene) -> str | None:
     """A named warning if all light comes from far away and no way out of the camera's room is seen."""
     needs = scene.requirements
-    if not needs.emitters or set(needs.emitters) - _AT_INFINITY or needs.has_transmission or needs.has_null:
+    if not needs.emitters or set(needs.emitters) - having("far") or needs.has_transmission or needs.has_null:
         return None
     mi = mitsuba()
-    origin = _camera_origin(scene.sensor)
+    origin = None if scene.is_meter else _camera_origin(scene.sensor)
     if origin is None:
         return None
     i = np.arange(_DIRECTIONS) + 0.5

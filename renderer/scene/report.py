@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -14,23 +13,34 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from renderer.backend import one_at_a_time
 from renderer.errors import UnsupportedScene
 from renderer.scene.compile import load_parsed
 from renderer.scene.limits import SceneLimits
+from renderer.scene.parameters import Source, with_parameters
 from renderer.scene.probe import closed_room_warning
 from renderer.scene.requirements import measure
-from renderer.scene.rewrite import film_size
+from renderer.scene.rewrite import sensors_of, several_sensors
 from renderer.scene.source import parse
 from renderer.settings import Settings
 
 
-def inspect_scene(source: str | Path | dict[str, Any], limits: SceneLimits | None = None) -> dict[str, Any]:
-    """Parses, measures and loads a scene. Returns name, digest, width, height (of the film), load_seconds (None where
+def inspect_scene(source: Source, limits: SceneLimits | None = None) -> dict[str, Any]:
+    """Parses, measures and loads a scene. Returns name, digest, width, height (of the first sensor's image),
+    sensor_choices (index, name, plugin, width, height of each), parameters (default by name), load_seconds (None where
     the scene is not supported), and all fields of `Requirements`. Raises SceneError if it cannot be read.
     """
+    with one_at_a_time:
+        return _inspected(source, limits)
+
+
+def _inspected(source: Source, limits: SceneLimits | None) -> dict[str, Any]:
+    from renderer.audit.behind import lights_behind
+
     parsed = parse(source, limits, exact=True)
     needs = measure(parsed)
-    width, height = film_size(parsed.state)
+    sensors = sensors_of(parsed.state)
+    width, height = sensors[0].width, sensors[0].height
     load_seconds = None
     if not needs.unsupported:
         began = time.perf_counter()
@@ -39,12 +49,23 @@ def inspect_scene(source: str | Path | dict[str, Any], limits: SceneLimits | Non
         width, height, needs = scene.width, scene.height, scene.requirements
         if warning := closed_room_warning(scene):
             needs = replace(needs, warnings=(*needs.warnings, warning))
+        settings = scene.resolved(Settings(), 1)
+        missed, behind = scene.missed_lights(settings), lights_behind(scene, settings)
+        needs = replace(needs, warnings=(*needs.warnings, *needs.unheard, *missed, *behind))
+    if several := several_sensors(sensors):
+        needs = replace(needs, warnings=(*needs.warnings, several))
     head = {"name": parsed.name, "digest": parsed.digest, "width": width, "height": height}
-    return head | {"load_seconds": load_seconds} | needs.as_dict()
+    head |= {"sensor_choices": [sensor.as_dict() for sensor in sensors], "load_seconds": load_seconds}
+    head |= {"parameters": dict(parsed.defaults)}
+    return head | needs.as_dict()
 
 
 def inspect(
     scene: Annotated[str, typer.Argument(help="A .xml, .zip or .json file, or a name that `fredholm gallery` lists.")],
+    define: Annotated[
+        list[str] | None,
+        typer.Option("-D", metavar="NAME=VALUE", help="A value for a <default> of the scene; may be given again."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON instead.")] = False,
 ) -> None:
     """Say what a scene requires, what is numerically risky in it, and what is not supported, without rendering it.
@@ -53,7 +74,7 @@ def inspect(
 
     Exit codes: 0 it can be rendered, 2 it cannot.
     """
-    found = inspect_scene(scene)
+    found = inspect_scene(with_parameters(scene, define or []))
     if as_json:
         print(json.dumps(found), flush=True)
     else:
@@ -86,6 +107,11 @@ def show(found: Mapping[str, Any], out: Console) -> None:
 def _rows(found: Mapping[str, Any]) -> list[tuple[str, str]]:
     rows = [(kind, _counts(found[kind])) for kind in ("shapes", "emitters", "bsdfs", "textures", "media", "sensors")]
     rows = [(kind, text) for kind, text in rows if text] or [("shapes", "none")]
+    if len(choices := found["sensor_choices"]) > 1:
+        told = (f"{one['name'] or one['index']} {one['width']}×{one['height']} ({one['plugin']})" for one in choices)
+        rows.append(("choose one of", ", ".join(told)))
+    if found["parameters"]:
+        rows.append(("parameters", ", ".join(f"{name}={value}" for name, value in found["parameters"].items())))
     rows.append(("triangles", f"{found['triangles']:,}"))
     if found["texture_pixels"]:
         rows.append(("texture pixels", f"{found['texture_pixels']:,}"))
@@ -95,6 +121,8 @@ def _rows(found: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("size", " × ".join(f"{side:.4g}" for side in sides)))
     colour = f"yes, by {found['coloured_by']}" if found["is_coloured"] else "no: one channel is enough"
     rows.append(("colour", colour))
+    if (asks := found["polarised_by"]) is not None:
+        rows.append(("polarisation", f"yes, by {asks}: S0 to S3 with their standard errors"))
     rows.append(("motion", "none"))
     rows.append(("kernel", ", ".join([found["variant"], *found["features"]])))
     asked = "unlimited" if found["max_depth"] < 0 else str(found["max_depth"])

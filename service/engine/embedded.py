@@ -124,21 +124,27 @@ class EmbeddedEngine:
     async def _work(self, worker: _Worker) -> None:
         while True:
             call = await worker.waiting.get()
-            worker.load -= 1
-            done = self._done.get(call.handle)
-            if done is None or done.done():
-                continue
-            worker.running = call.handle
-            args = tuple(kept.Ref(arg.id) if isinstance(arg, Handle) else arg for arg in call.args)
             try:
-                how = (call.handle.id, call.call, args, call.is_brought)
-                value = await worker.process.submit(kept.run, *how, deadline=_FOR_EVER)
-            except Exception as error:
-                if not done.done():
-                    done.set_exception(error)
-                    done.exception()  # whoever gave the call up need not fetch it
-            else:
-                if not done.done():
-                    done.set_result(value)
+                await self._make(worker, call)
             finally:
-                worker.running = None
+                # Not before: a slot whose call runs has something to do.
+                worker.load -= 1
+
+    async def _make(self, worker: _Worker, call: _Call) -> None:
+        done = self._done.get(call.handle)
+        if done is None or done.done():
+            return
+        worker.running = call.handle
+        args = tuple(kept.Ref(arg.id) if isinstance(arg, Handle) else arg for arg in call.args)
+        try:
+            how = (call.handle.id, call.call, args, call.is_brought)
+            value = await worker.process.submit(kept.run, *how, deadline=_FOR_EVER)
+        except Exception as error:
+            if not done.done():
+                done.set_exception(error)
+                done.exception()  # whoever gave the call up need not fetch it
+        else:
+            if not done.done():
+                done.set_result(value)
+        finally:
+            worker.running = None

@@ -7,6 +7,7 @@ outlive it is in the store and in files.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -15,11 +16,13 @@ from typing import Any, Protocol
 class Lost(Exception):
     """The worker died or was killed during the call: the same call may be made again.
 
-    last_words: what the worker wrote to its error stream before it died, for the log.
+    last_words: what the worker wrote to its error stream before it died, for the log. was_killed: from outside, by who
+    makes room or ends processes; nothing that it was given does that.
     """
 
-    def __init__(self, message: str, last_words: str = "") -> None:
+    def __init__(self, message: str, last_words: str = "", *, was_killed: bool = False) -> None:
         self.last_words = last_words
+        self.was_killed = was_killed
         super().__init__(message)
 
 
@@ -82,12 +85,41 @@ class Engine(Protocol):
         ...
 
 
+# How much longer a call may take once nobody wants its value any more.
+PATIENCE_SECONDS = 3.0
+
+
 async def run_within(
-    engine: Engine, seconds: float, call: Callable[..., Any], *args: object, slot: str | None = None
+    engine: Engine,
+    seconds: float,
+    call: Callable[..., Any],
+    *args: object,
+    slot: str | None = None,
+    given_up: asyncio.Event | None = None,
 ) -> Any:
-    """The value of `call(*args)`; a call that takes longer is killed with its worker. Raises Lost."""
+    """The value of `call(*args)`; a call that takes longer is killed with its worker. Raises Lost.
+
+    given_up: once it is set, the call has PATIENCE_SECONDS left.
+    """
     handle = engine.submit(call, *args, slot=slot, is_brought=True)
-    if not await engine.wait([handle], seconds):
+    if not await _is_done(engine, handle, seconds, given_up):
         await engine.cancel(handle, hard=True)
+        if given_up is not None and given_up.is_set():
+            raise Lost("the render process was ended: its turn was not wanted any more")
         raise Lost(f"the render process gave no answer within {seconds:g} s")
     return await engine.fetch(handle)
+
+
+async def _is_done(engine: Engine, handle: Handle, seconds: float, given_up: asyncio.Event | None) -> bool:
+    if given_up is None:
+        return bool(await engine.wait([handle], seconds))
+    done = asyncio.ensure_future(engine.wait([handle], seconds))
+    wished = asyncio.ensure_future(given_up.wait())
+    try:
+        await asyncio.wait({done, wished}, return_when=asyncio.FIRST_COMPLETED)
+        if not done.done():
+            await asyncio.wait({done}, timeout=PATIENCE_SECONDS)
+        return done.done() and bool(done.result())
+    finally:
+        done.cancel()
+        wished.cancel()

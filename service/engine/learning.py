@@ -14,7 +14,7 @@ from service.engine.worker import failure_of, kept_scene
 from service.frames import encode_frame
 
 if TYPE_CHECKING:
-    from renderer.measure.learn import Lesson
+    from renderer.lesson.pixel import Lesson
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +26,10 @@ class Pixel:
     y: int
 
 
-def _lesson(pixel: Pixel) -> Lesson:
+def lesson_of(pixel: Pixel) -> Lesson:
+    """The renderer's lesson at a pixel; raises what loading its scene raises."""
     import renderer
-    from renderer.measure.learn import Lesson
+    from renderer.lesson.pixel import Lesson
 
     return Lesson(kept_scene(pixel.scene, renderer.Settings(colour="rgb")), pixel.x, pixel.y)
 
@@ -36,16 +37,17 @@ def _lesson(pixel: Pixel) -> Lesson:
 def vertex(pixel: Pixel, n: int) -> dict[str, Any] | Failure:
     """The first vertex, and `n` directions of each technique there."""
     try:
-        from renderer.measure.learn import TECHNIQUES
+        from renderer.lesson.pixel import TECHNIQUES
 
-        lesson = _lesson(pixel)
+        lesson = lesson_of(pixel)
         found = lesson.vertex
         answer = asdict(found) | {"width": lesson.scene.width, "height": lesson.scene.height, "directions": {}}
-        answer |= {"map_width": 0, "map_height": 0, "polar_range": 0.0}
+        answer |= {"map_width": 0, "map_height": 0, "polar_range": 0.0, "camera_u": 0.0, "camera_v": 0.0}
         if not found.is_hit:
             return answer
         answer["map_width"], answer["map_height"] = lesson.map_size
         answer["polar_range"] = lesson.polar_range
+        answer["camera_u"], answer["camera_v"] = lesson.camera_direction
         for technique in TECHNIQUES[:-1]:
             drawn = lesson.directions(technique, n)
             answer["directions"][technique] = {
@@ -62,9 +64,9 @@ def vertex(pixel: Pixel, n: int) -> dict[str, Any] | Failure:
 def incident(pixel: Pixel, replicates: int, is_weighted: bool) -> bytes | Failure | None:
     """The map of arriving radiance as a frame; weighted by f·cosθ if asked. None where nothing is hit."""
     try:
-        from renderer.measure.learn import REPLICATE_SIZE
+        from renderer.lesson.pixel import REPLICATE_SIZE
 
-        lesson = _lesson(pixel)
+        lesson = lesson_of(pixel)
         if not lesson.vertex.is_hit:
             return None
         moments = lesson.incident(range(replicates))
@@ -77,28 +79,63 @@ def incident(pixel: Pixel, replicates: int, is_weighted: bool) -> bytes | Failur
             error = np.concatenate([error[..., :3] * weight, error[..., 3:]], axis=-1)
             # Channels vary together, in an unknown measure: never more than this.
             error[..., 3] = error[..., :3] @ [0.2126, 0.7152, 0.0722]
-        count = moments.count.reshape(rows, columns)
-        shown = Display(
-            seq=replicates,
-            replicate_size=REPLICATE_SIZE,
-            seconds=0.0,
-            radiance=mean.astype(np.float32),
-            standard_error=error.astype(np.float32),
-            replicates=count.astype(np.uint32),
-            trusted=np.ones((rows, columns), np.bool_),
-        )
-        return encode_frame(shown)
+        return _frame(mean, error, moments.count.reshape(rows, columns), replicates, REPLICATE_SIZE)
     except Exception as error:
         return failure_of(error)
 
 
-def samples(pixel: Pixel, technique: str, first: int, count: int) -> list[dict[str, float]] | Failure:
+def kernel(pixel: Pixel) -> bytes | Failure | None:
+    """f·cosθ over the map as a frame: exact, without an error. None where nothing is hit."""
+    try:
+        lesson = lesson_of(pixel)
+        if not lesson.vertex.is_hit:
+            return None
+        value = lesson.integrand()
+        rows, columns, _ = value.shape
+        error = np.zeros((rows, columns, 4))
+        return _frame(value, error, np.ones((rows, columns)), 1, 1)
+    except Exception as error:
+        return failure_of(error)
+
+
+def _frame(mean: Any, error: Any, count: Any, seq: int, replicate_size: int) -> bytes:
+    shown = Display(
+        seq=seq,
+        replicate_size=replicate_size,
+        seconds=0.0,
+        radiance=mean.astype(np.float32),
+        standard_error=error.astype(np.float32),
+        replicates=count.astype(np.uint32),
+        trusted=np.ones(count.shape, np.bool_),
+    )
+    return encode_frame(shown)
+
+
+def bounces(pixel: Pixel, first: int, count: int) -> dict[str, Any] | Failure:
+    """Moments of the pixel's luminance by the number of reflections, over samples `first` … `first + count`."""
+    try:
+        from renderer.lesson.bounces import by_bounces
+        from renderer.lesson.pixel import moments_of
+
+        *terms, more = by_bounces(lesson_of(pixel), range(first, first + count))
+        reflected = np.sum(terms[1:], axis=0) + more
+        told = {"more": more, "reflected": reflected, "total": terms[0] + reflected}
+        return {"terms": [asdict(moments_of(term)) for term in terms]} | {
+            name: asdict(moments_of(values)) for name, values in told.items()
+        }
+    except Exception as error:
+        return failure_of(error)
+
+
+def samples(
+    pixel: Pixel, technique: str, first: int, count: int, max_depth: int | None
+) -> list[dict[str, float]] | Failure:
     """Running moments of the pixel's luminance over samples `first` … `first + count`, at geometric steps."""
     try:
-        from renderer.measure.learn import running
+        from renderer.lesson.pixel import running
 
-        values = _lesson(pixel).samples(technique, range(first, first + count))
+        values = lesson_of(pixel).samples(technique, range(first, first + count), max_depth=max_depth)
         steps = running(np.where(np.isfinite(values), values, 0.0), first)
-        return [{"n": n, "mean": mean, "m2": m2} for n, mean, m2 in steps if math.isfinite(m2)]
+        return [asdict(step) for step in steps if math.isfinite(step.m4)]
     except Exception as error:
         return failure_of(error)

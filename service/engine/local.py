@@ -24,6 +24,7 @@ import structlog
 
 from service.engine import worker
 from service.engine.interface import Lost
+from service.engine.reserve import RESERVE
 
 __all__ = ["LocalEngine", "Lost"]
 
@@ -60,7 +61,7 @@ class LocalEngine:
                 how, words = await asyncio.to_thread(self._how_it_ended), self._new_words()
                 self._log.warning("render process died", pid=self.pid, how=how, last_words=words)
                 self._discard()
-                raise Lost(f"the render process died ({how})", words) from None
+                raise Lost(f"the render process died ({how})", words, was_killed=how == "signal SIGKILL") from None
             except TimeoutError:
                 words = self._new_words()
                 self._log.warning("render process missed its deadline", pid=self.pid, deadline=deadline)
@@ -85,9 +86,8 @@ class LocalEngine:
         self.restarts += 1
         self._heard = 0
         self._words = self._displays / f"{self._name}-{self.restarts}.words" if self._displays else None
-        pool = self._pool = ProcessPoolExecutor(
-            1, mp_context=context, initializer=worker.begin, initargs=(self._displays, self._words)
-        )
+        how = {"initializer": worker.begin, "initargs": (self._displays, self._words)}
+        pool = self._pool = RESERVE.spending(lambda: ProcessPoolExecutor(1, mp_context=context, **how))
         self.pid = await asyncio.wrap_future(pool.submit(os.getpid))
         self._log.info("render process started", pid=self.pid)
         return pool

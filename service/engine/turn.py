@@ -8,16 +8,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from service.store.records import Progress
+from service.store.records import Kept, Progress
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
     """One job's turn at the renderer.
 
-    (job_id, attempt) names the live run in the render process; if it is not there, the run starts from
-    `checkpoint`, or from nothing. seconds: of rendering before the turn ends. save: write an estimate even if
-    none is due.
+    (job_id, attempt) names the live run in the render process; if it is not there, the run starts from the first sound
+    one of `kept`, newest first, or from nothing. seconds: of rendering before the turn ends. save: write an estimate
+    even if none is due.
     """
 
     job_id: str
@@ -26,7 +26,7 @@ class Turn:
     is_gallery: bool
     target: dict[str, Any]
     settings: dict[str, Any]
-    checkpoint: str | None
+    kept: tuple[Kept, ...]
     display_path: str
     estimates_dir: str
     next_seq: int
@@ -51,11 +51,19 @@ class Failure:
 
 
 @dataclass(frozen=True, slots=True)
-class Saved:
-    """A newly saved estimate: its file below the folder of estimates, and the progress that it holds."""
+class Start:
+    """How a run began: from which of its saved estimates, None: from nothing. damaged: those passed over, and why."""
 
-    name: str
-    progress: Progress
+    kept: Kept | None
+    damaged: tuple[tuple[Kept, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Unsaved:
+    """An estimate could not be written: how many bytes it takes, and what the system said."""
+
+    needed_bytes: int
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +71,14 @@ class TurnResult:
     """What a turn led to.
 
     progress is None if the turn rendered nothing. saved is often a little older: writing goes on beside rendering.
+    unsaved: what was rendered is still in the process, and can be saved later. start: of the turn that began the run.
     """
 
     progress: Progress | None = None
-    curve: tuple[dict[str, float], ...] = ()
-    saved: Saved | None = None
+    curve: tuple[dict[str, Any], ...] = ()
+    saved: Kept | None = None
+    unsaved: Unsaved | None = None
+    start: Start | None = None
     stopped_by: str | None = None
     warnings: tuple[str, ...] = ()
     failure: Failure | None = None

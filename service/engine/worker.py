@@ -19,18 +19,22 @@ import threading
 import time
 import traceback
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from service.display import display_of, write_display
-from service.engine.turn import Failure, Saved, Turn, TurnResult
-from service.store.records import Progress
+from service.durable_files import digest_of, sync_path
+from service.engine import sandbox
+from service.engine.turn import Failure, Start, Turn, TurnResult, Unsaved
+from service.room import STOKES_CHANNELS, estimate_bytes
+from service.store.records import NO_PARAMETERS, Kept, Progress, loaded_as
+from service.without_paths import without_paths
 
 if TYPE_CHECKING:
-    from renderer import Scene, Settings, Snapshot, Target
+    from renderer import Estimate, Scene, Settings, Snapshot
 
 WARM_UP_SCENE = "cornell-box"
 _KEPT_SCENES = 4
@@ -39,14 +43,16 @@ _log = logging.getLogger("service.worker")
 
 @dataclass(slots=True)
 class _Run:
-    """A job's suspended rendering."""
+    """A job's suspended rendering. steps: see `renderer.progress.steps`."""
 
-    snapshots: Iterator[Snapshot]
+    steps: Iterator[Snapshot | None]
     scene: Scene
     saved_seconds: float
     last: Snapshot | None = None
     last_seq: int = 0
-    saving: Future[Saved] | None = None
+    saving: Future[Kept] | None = None
+    saved: Kept | None = None  # the newest
+    start: Start | None = None  # until it is told
 
 
 _scenes: OrderedDict[tuple[str, str], Scene] = OrderedDict()  # by source and colour
@@ -72,6 +78,8 @@ def begin(displays: Path | None, words: Path | None = None) -> None:
             os.dup2(descriptor, 2)
             os.close(descriptor)
     faulthandler.enable()
+    if not sandbox.has_graphics_driver():
+        sandbox.confine_calls(may_start_programs=True)
     if displays is not None:
         # Mitsuba looks for files where the process runs, too: there shall be none.
         empty = displays / "empty"
@@ -118,32 +126,47 @@ def end() -> None:
 
 
 def advance(turn: Turn) -> TurnResult:
-    """Render one job for about `turn.seconds`, show the newest snapshot, save the estimate if due."""
+    """Render one job for about `turn.seconds`, show the newest snapshot, save the estimate if due.
+
+    Where paths are so long that nothing new can be shown yet, the result has no progress.
+    """
     key = (turn.job_id, turn.attempt)
     try:
-        run, curve = _render_turn(turn)
-        assert run.last is not None
+        run, is_new, curve = _render_turn(turn)
+        if run.last is None or not is_new:
+            saved = None
+            with contextlib.suppress(OSError):  # the next snapshot says that there is no room
+                saved = _save(run, turn) if turn.save and run.last is not None else None
+            return TurnResult(saved=saved)
         run.last_seq = turn.next_seq
-        display = display_of(run.last.estimate, seq=run.last_seq, seconds=run.last.seconds)
-        write_display(display, Path(turn.display_path))
+        _show(run, Path(turn.display_path))
+        start, run.start = run.start, None
+        told = TurnResult(progress=_progress(run), curve=curve, warnings=tuple(run.scene.warnings), start=start)
         is_over = run.last.stopped_by is not None
-        result = TurnResult(
-            progress=_progress(run),
-            curve=curve,
-            saved=_save(run, turn) if is_over or turn.save else _save_beside(run, turn),
-            stopped_by=run.last.stopped_by,
-            warnings=tuple(run.scene.warnings),
-        )
+        try:
+            saved = _save(run, turn) if is_over or turn.save else _save_beside(run, turn)
+        except OSError as error:
+            # The run stays: once there is room, what it has is saved, and nothing is rendered twice.
+            return replace(told, unsaved=_unsaved(run, error))
     except Exception as error:
         failed = _runs.pop(key, None)
         if failed is not None and failed.saving is not None:
             with contextlib.suppress(Exception):
                 failed.saving.result()  # later nobody would look for its file
-        return TurnResult(failure=failure_of(error))
+        return TurnResult(failure=failure_of(error, *_folders_of(turn)))
     if is_over:
         del _runs[key]
     _trim_heap()
-    return result
+    return replace(told, saved=saved, stopped_by=run.last.stopped_by)
+
+
+def _show(run: _Run, path: Path) -> None:
+    """Write what the job shows. Without room for it the job goes on unseen."""
+    assert run.last is not None
+    try:
+        write_display(display_of(run.last.estimate, seq=run.last_seq, seconds=run.last.seconds), path)
+    except OSError as error:
+        _log.warning("a picture cannot be shown: %s", error.strerror or error)
 
 
 def _trim_heap() -> None:
@@ -166,121 +189,172 @@ def retire(turn: Turn) -> TurnResult:
     try:
         return TurnResult(progress=_progress(run), saved=_save(run, turn), warnings=tuple(run.scene.warnings))
     except Exception as error:
-        return TurnResult(failure=failure_of(error))
+        return TurnResult(failure=failure_of(error, *_folders_of(turn)))
 
 
-def _render_turn(turn: Turn) -> tuple[_Run, tuple[dict[str, float], ...]]:
+def _render_turn(turn: Turn) -> tuple[_Run, bool, tuple[dict[str, float], ...]]:
+    """The run, whether there is a new snapshot, and the points of its curve."""
+    run = _runs.get((turn.job_id, turn.attempt))
+    if run is None:
+        return _begin(turn)
+    if run.last is not None and run.last.stopped_by is not None:
+        return run, True, ()  # it is over, and waits to be saved only
+    return run, *_render(run, turn)
+
+
+def _begin(turn: Turn) -> tuple[_Run, bool, tuple[dict[str, float], ...]]:
+    """The first turn of a run: from the newest saved estimate that is sound, or from nothing."""
     import renderer
 
-    run = _runs.get((turn.job_id, turn.attempt)) or _start(turn)
+    damaged: list[tuple[Kept, str]] = []
+    for kept in turn.kept:
+        try:
+            begun = _read(kept, Path(turn.estimates_dir) / kept.name)
+            run = _start(turn, begun, Start(kept, tuple(damaged)))
+            return run, *_render(run, turn)
+        except renderer.errors.CheckpointError as error:
+            # Losing samples is better than losing the job; whoever asked for it is told.
+            damaged.append((kept, without_paths(str(error), [turn.estimates_dir])))
+    run = _start(turn, None, Start(None, tuple(damaged)))
+    return run, *_render(run, turn)
+
+
+def _folders_of(turn: Turn) -> list[str]:
+    """Where the files of a job lie."""
+    return [turn.estimates_dir, *([] if turn.is_gallery else [str(Path(turn.scene).parent)])]
+
+
+def _read(kept: Kept, path: Path) -> Estimate:
+    """A saved estimate. Raises CheckpointError with the reason why it is not what was saved."""
+    import renderer
+
     try:
-        return run, _render(run, turn)
-    except renderer.errors.CheckpointError as error:
-        if turn.checkpoint is None:
-            raise
-        # An estimate of another version or scene: losing the samples so far is better than losing the job.
-        _log.warning("saved estimate cannot be continued, starting again: %s", error)
-        run = _start(replace(turn, checkpoint=None))
-        return run, _render(run, turn)
+        if kept.digest is not None and digest_of(path) != kept.digest:
+            raise renderer.errors.CheckpointError("its checksum differs")
+        return renderer.Estimate.read(path)
+    except FileNotFoundError:
+        raise renderer.errors.CheckpointError("its file is missing") from None
+    except (renderer.errors.CheckpointError, MemoryError):
+        raise
+    except Exception as error:
+        raise renderer.errors.CheckpointError(f"it cannot be read ({type(error).__name__})") from error
 
 
-def _start(turn: Turn) -> _Run:
+def _start(turn: Turn, begun: Estimate | None, start: Start) -> _Run:
     import renderer
 
     for key in [key for key in _runs if key[0] == turn.job_id]:
         del _runs[key]
-    settings = renderer.Settings(**turn.settings)
-    scene = kept_scene(turn.scene, settings)
-    snapshots = _snapshots(scene, renderer.Target(**turn.target), settings, turn.checkpoint)
-    run = _runs[turn.job_id, turn.attempt] = _Run(snapshots, scene, 0.0)
+    asked = dict(turn.settings)
+    parameters = asked.pop("parameters", {})
+    settings = renderer.Settings(**asked)
+    scene = kept_scene(turn.scene, settings, parameters)
+    from renderer.progress import steps
+
+    snapshots = steps(scene, renderer.Target(**turn.target), settings, start=begun)
+    run = _runs[turn.job_id, turn.attempt] = _Run(snapshots, scene, 0.0, start=start)
     return run
 
 
-def _snapshots(scene: Scene, target: Target, settings: Settings, checkpoint: str | None) -> Iterator[Snapshot]:
+def kept_scene(path: str, settings: Settings, parameters: Mapping[str, str] = NO_PARAMETERS) -> Scene:
+    """The compiled scene with values for its parameters, from the most recently used ones if it is among them."""
     import renderer
+    from renderer.settings import STOKES
 
-    start = renderer.Estimate.read(checkpoint) if checkpoint else None
-    yield from renderer.progressive(scene, target, settings, start=start)
-
-
-def kept_scene(source: str, settings: Settings) -> Scene:
-    """The compiled scene, from the most recently used ones if it is among them."""
-    import renderer
-
-    colour = _own_colours.get(source, "auto") if settings.colour == "auto" else settings.colour
-    if (source, colour) not in _scenes:
-        # At its own size: whoever asks for it later may want that one.
-        loaded = renderer.load_scene(source, settings=replace(settings, width=None, height=None))
+    # A scene that is to be polarised is another one, in another variant.
+    source = loaded_as(path, parameters)
+    kind = source + STOKES if STOKES in settings.channels else source
+    colour = _own_colours.get(kind, "auto") if settings.colour == "auto" else settings.colour
+    if (kind, colour) not in _scenes:
+        # With its first sensor at its own size: whoever asks for it later may want that one.
+        plain = replace(settings, width=None, height=None, sensor=None, camera=None)
+        loaded = renderer.load_scene(renderer.SceneFile(path, parameters) if parameters else path, settings=plain)
         colour = loaded.colour
         if settings.colour == "auto":
-            _own_colours[source] = colour
-        _scenes[source, colour] = loaded
+            _own_colours[kind] = colour
+        _scenes[kind, colour] = loaded
         while len(_scenes) > _KEPT_SCENES:
             _scenes.popitem(last=False)
-    _scenes.move_to_end((source, colour))
-    return _scenes[source, colour].sized(settings)
+    _scenes.move_to_end((kind, colour))
+    return _scenes[kind, colour].sized(settings)
 
 
-def _render(run: _Run, turn: Turn) -> tuple[dict[str, float], ...]:
-    """Advance a run to the snapshot nearest the end of its turn; a run without any picture shows its first at once."""
+def _render(run: _Run, turn: Turn) -> tuple[bool, tuple[dict[str, float], ...]]:
+    """Advance a run to the snapshot nearest the end of its turn; a run without any picture shows its first at once.
+
+    Whether there is a new snapshot, and the points of its curve.
+    """
     curve: list[dict[str, float]] = []
-    is_first = run.last is None
+    is_first, is_new = run.last is None, False
     latest = time.perf_counter()
     ends = latest + turn.seconds
-    for snapshot in run.snapshots:
+    for snapshot in run.steps:
         before, latest = latest, time.perf_counter()
+        is_over = latest + 0.5 * (latest - before) >= ends
+        if snapshot is None:
+            if is_over:
+                return is_new, tuple(curve)
+            continue
+        is_new = True
         if is_first:
             run.saved_seconds = snapshot.seconds
         run.last = snapshot
         if snapshot.error is not None and math.isfinite(snapshot.error):
-            curve.append({"seconds": snapshot.seconds, "spp": snapshot.spp, "error": snapshot.error})
-        if snapshot.stopped_by is not None or is_first or latest + 0.5 * (latest - before) >= ends:
-            return tuple(curve)
+            known = {"seconds": snapshot.seconds, "spp": snapshot.spp, "error": snapshot.error}
+            upper = _finite(snapshot.upper)
+            curve.append(known if upper is None else known | {"upper": upper})
+        if snapshot.stopped_by is not None or is_first or is_over:
+            return True, tuple(curve)
     raise RuntimeError("the renderer ended without saying why")
 
 
-def _save(run: _Run, turn: Turn) -> Saved:
+def _save(run: _Run, turn: Turn) -> Kept:
     """Save the newest estimate and wait until it is on disk."""
     if run.saving is not None:
-        run.saving.result()
-    run.saving = None
-    return _start_saving(run, turn).result()
+        saving, run.saving = run.saving, None
+        run.saved = saving.result()
+    # A name stands for one content: others may be reading it, and its checksum is recorded.
+    if run.saved is None or run.saved.progress.frame_seq != run.last_seq:
+        run.saved = _start_saving(run, turn).result()
+    return run.saved
 
 
-def _save_beside(run: _Run, turn: Turn) -> Saved | None:
+def _save_beside(run: _Run, turn: Turn) -> Kept | None:
     """Begin to save if it is due; say what was saved since the last turn."""
     done = None
     if run.saving is not None and run.saving.done():
-        done, run.saving = run.saving.result(), None
+        saving, run.saving = run.saving, None
+        done = run.saved = saving.result()
     assert run.last is not None
     if run.saving is None and run.last.seconds - run.saved_seconds >= turn.checkpoint_seconds:
         run.saving = _start_saving(run, turn)
     return done
 
 
-def _start_saving(run: _Run, turn: Turn) -> Future[Saved]:
+def _start_saving(run: _Run, turn: Turn) -> Future[Kept]:
     assert run.last is not None
-    estimate, saved = run.last.estimate, Saved(f"{turn.job_id}/{run.last_seq:08d}.exr", _progress(run))
+    estimate, name, progress = run.last.estimate, f"{turn.job_id}/{run.last_seq:08d}.exr", _progress(run)
     run.saved_seconds = run.last.seconds
 
-    def write() -> Saved:
-        path = Path(turn.estimates_dir) / saved.name
+    def write() -> Kept:
+        path = Path(turn.estimates_dir) / name
+        is_new = not path.parent.exists()
         estimate.write(path, {"job": turn.job_id})
-        _sync_folder(path.parent)
-        return saved
+        digest = digest_of(path)
+        sync_path(path.parent)
+        if is_new:
+            sync_path(path.parent.parent)
+        return Kept(name, digest, progress)
 
     return _writer.submit(write)
 
 
-def _sync_folder(folder: Path) -> None:
-    """A rename lasts once its folder is on disk; Windows has no such call."""
-    if os.name == "nt":
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+def _unsaved(run: _Run, error: OSError) -> Unsaved:
+    """What the newest estimate takes on disk, at most."""
+    assert run.last is not None
+    estimate = run.last.estimate
+    channels = len(estimate.channels) + STOKES_CHANNELS * estimate.moments.has_stokes
+    return Unsaved(estimate_bytes(estimate.width, estimate.height, channels), error.strerror or "no room")
 
 
 def _progress(run: _Run) -> Progress:
@@ -298,6 +372,8 @@ def _progress(run: _Run) -> Progress:
         share_trusted=_finite(snapshot.share_trusted),
         invalid=int(snapshot.invalid),
         error_upper=_finite(snapshot.upper),
+        error_unknown=snapshot.unknown,
+        replicate_size=snapshot.estimate.replicate_size,
         health=snapshot.health.as_dict(),
     )
 
@@ -306,8 +382,13 @@ def _finite(value: float | None) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
 
 
-def failure_of(error: Exception) -> Failure:
-    """What to tell a user. Only the renderer's own errors are written for users; others may name paths."""
+def failure_of(error: Exception, *roots: str | Path) -> Failure:
+    """What to tell a user. Only the renderer's own errors are written for users. roots: folders that none is told."""
+    failure = _failure_of(error)
+    return replace(failure, detail=without_paths(failure.detail, roots))
+
+
+def _failure_of(error: Exception) -> Failure:
     import renderer
 
     if isinstance(error, renderer.errors.UnsupportedScene):

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-import asyncio
+import contextlib
 import time
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
+import structlog
 from fastapi import APIRouter, Depends, Header, Request, Response
 from fastapi.responses import StreamingResponse
+from sqlalchemy.exc import SQLAlchemyError
 
 from service.access import Reader, may_still_ask
 from service.context import Service, ServiceContext
 from service.errors import ProblemError
 from service.hub import Subscription
 from service.messages import Hello, Ping, ProgressMessage
-from service.news import event_text, progress
+from service.news import Told, event_text, progress
 from service.store.records import now
+from service.store.threads import reading
 
 router = APIRouter(prefix="/api", tags=["events"])
 
 _LOOKS_PER_PING = 5
+_log = structlog.get_logger("service.events")
 
 
 def _schema(*names: str) -> dict[str, Any]:
@@ -30,8 +34,9 @@ def _schema(*names: str) -> dict[str, Any]:
 _EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
         "description": (
-            "`hello` (data: Hello) opens every stream. `job` (data: Job) has an id and tells of a change "
-            "of state. `deleted` (data: Deleted) has one too: the job is gone. `progress` (data: "
+            "`hello` (data: Hello) opens every stream. `queue` (data: Queue) follows, and comes whenever places in "
+            "the queue change: it tells all of them and replaces what was known. `job` (data: Job) has an id and "
+            "tells of a change of state. `deleted` (data: Deleted) has one too: the job is gone. `progress` (data: "
             "ProgressMessage) has none. `ping` (data: Ping) comes after 15 s (FREDHOLM_PING_SECONDS) without others."
         ),
         "content": {
@@ -40,13 +45,13 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
                     "type": "object",
                     "required": ["event", "data"],
                     "properties": {
-                        "event": {"type": "string", "enum": ["hello", "job", "deleted", "progress", "ping"]},
+                        "event": {"type": "string", "enum": ["hello", "job", "deleted", "progress", "queue", "ping"]},
                         "id": {"type": "string"},
                         "retry": {"type": "integer", "minimum": 0},
                         "data": {
                             "type": "string",
                             "contentMediaType": "application/json",
-                            "contentSchema": _schema("Hello", "Job", "Deleted", "ProgressMessage", "Ping"),
+                            "contentSchema": _schema("Hello", "Job", "Deleted", "ProgressMessage", "Queue", "Ping"),
                         },
                     },
                 }
@@ -86,20 +91,33 @@ async def events(
     last_event_id: Annotated[str, Header()] = "",
 ) -> StreamingResponse:
     """Changes of state, with replay of those after Last-Event-ID, and the progress of running jobs."""
-    parts = _parts(service, subscription, request, last_event_id)
+    # What happens from here on is queued; what happened before is read from the store: no stream begins without it.
+    until = service.hub.last_event_id
+    after = await reading(_replay_from, service, last_event_id, until)
+    queue = await service.hub.queue_for(subscription)
+    parts = _until_trouble(_parts(service, subscription, request, queue, after, until))
     return StreamingResponse(parts, media_type="text/event-stream", headers=_HEADERS)
 
 
+async def _until_trouble(parts: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    """The parts of a stream, which ends where one cannot be made: clients come back with their last event id."""
+    try:
+        async for part in parts:
+            yield part
+    except SQLAlchemyError as error:
+        _log.warning("an event stream ends: the database does not answer", cause=type(error).__name__)
+    except Exception:
+        _log.exception("an event stream ends")
+
+
 async def _parts(
-    service: Service, subscription: Subscription, request: Request, last_event_id: str
+    service: Service, subscription: Subscription, request: Request, queue: Told, after: int | None, until: int
 ) -> AsyncIterator[bytes]:
     hub = service.hub
-    # What happens from here on is queued; what happened before is read from the store.
-    until = hub.last_event_id
-    after = await asyncio.to_thread(_replay_from, service, last_event_id, until)
     hello = Hello(server=service.id, last_event_id=until).model_dump_json()
     # With its id, so that a client that sees nothing else still comes back with a Last-Event-ID.
     yield event_text("hello", hello, retry=1000, id=until if after is None else None)
+    yield queue.text
     if after is not None:
         async for event in hub.missed(after, until):
             if subscription.hears(event.client_id):
@@ -111,8 +129,10 @@ async def _parts(
         silent = silent + 1 if news is None else 0
         if time.monotonic() - checked > service.settings.ping_seconds:
             checked = time.monotonic()
-            if not await may_still_ask(request, service):
-                return
+            # Whether the key was revoked cannot be known while the database is silent; it is looked up again soon.
+            with contextlib.suppress(SQLAlchemyError):
+                if not await may_still_ask(request, service):
+                    return
         if news is not None:
             yield news
         elif silent % _LOOKS_PER_PING == 0:

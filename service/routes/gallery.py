@@ -26,6 +26,7 @@ def list_gallery(caller: Reader) -> list[GalleryScene]:
             width=scene.width,
             height=scene.height,
             thumbnail=f"api/gallery/{scene.name}/thumbnail.png",
+            has_lesson=not scene.has_media,
         )
         for scene in gallery.list_scenes()
     ]

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+from sqlalchemy.exc import SQLAlchemyError
 
 from service.access import Admin
 from service.context import ServiceContext
 from service.messages import Health, Readiness
 from service.metrics import resident_bytes
+from service.states import State
+from service.store import DatabaseReplaced
+from service.store.threads import reading
 
 router = APIRouter(tags=["health"])
 
@@ -20,9 +26,9 @@ async def health() -> Health:
 
 
 @router.get("/readyz", responses={503: {"model": Readiness}})
-def readiness(service: ServiceContext, response: Response) -> Readiness:
+async def readiness(service: ServiceContext, response: Response) -> Readiness:
     """200 once the database answers, files can be written and the renderer is warm; else what is not ready."""
-    missing = service.not_ready()
+    missing = await service.not_ready()
     if missing:
         response.status_code = 503
     state = service.runner.renderer_state
@@ -34,12 +40,20 @@ def readiness(service: ServiceContext, response: Response) -> Readiness:
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, 401: {}, 403: {}},
 )
-def metrics(service: ServiceContext, caller: Admin) -> Response:
+async def metrics(service: ServiceContext, caller: Admin) -> Response:
     """Figures for Prometheus."""
     figures = service.metrics
-    for state, count in service.jobs.counts().items():
+    try:
+        counts = await reading(service.jobs.counts)
+    except (SQLAlchemyError, DatabaseReplaced):
+        counts = dict.fromkeys(State, math.nan)  # the other figures are wanted all the more
+    for state, count in counts.items():
         figures.jobs.labels(state.value).set(count)
+    figures.unreadable.set(len(service.jobs.unreadable()))
     figures.streams.set(service.hub.count())
+    for name, (taken, most) in service.account().items():
+        figures.reckoned.labels(name).set(taken)
+        figures.budgets.labels(name).set(most)
     figures.memory.labels("service").set(resident_bytes())
     figures.memory.labels("render").set(sum(resident_bytes(pid) for pid in service.engine.pids()))
     return Response(generate_latest(figures.registry), media_type=CONTENT_TYPE_LATEST)

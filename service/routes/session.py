@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Annotated
 
 from fastapi import APIRouter, Form, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
+from pydantic import SecretStr
 
-from service.access import COOKIE, Reader, pass_limit
+from service.access import COOKIE, Reader, caller_by_key
 from service.context import ServiceContext
-from service.errors import ProblemError
 from service.messages import Session, SessionRequest
 from service.reference import page
 
@@ -59,31 +58,27 @@ async def login_page() -> HTMLResponse:
 
 
 @router.post("/login", include_in_schema=False)
-async def login(request: Request, service: ServiceContext, key: Annotated[str, Form(max_length=200)]) -> Response:
+async def login(request: Request, service: ServiceContext, key: Annotated[SecretStr, Form(max_length=200)]) -> Response:
     """Take the form and go to the page."""
-    session = await _check(request, service, key.strip())
+    key = SecretStr(key.get_secret_value().strip())
+    session = await _check(request, service, key)
     response = RedirectResponse("./", status_code=303)
     if session.keys_required:
-        _set_cookie(request, response, key.strip())
+        _set_cookie(request, response, key)
     return response
 
 
-async def _check(request: Request, service: ServiceContext, key: str) -> Session:
+async def _check(request: Request, service: ServiceContext, key: SecretStr) -> Session:
     if not service.settings.are_keys_required:
         return Session(client=None, role="admin", keys_required=False)
-    caller = await asyncio.to_thread(service.keys.caller, key)
-    if caller is None:
-        pass_limit(
-            service, service.failed_attempts, f"address {request.client.host if request.client else ''}", "attempts"
-        )
-        raise ProblemError(401, "key-needed", "Who are you?", "This key opens nothing.")
+    caller = await caller_by_key(request, service, key)
     return Session(client=caller.client_id, role=caller.role.name.lower(), keys_required=True)  # type: ignore[arg-type]
 
 
-def _set_cookie(request: Request, response: Response, key: str) -> None:
+def _set_cookie(request: Request, response: Response, key: SecretStr) -> None:
     response.set_cookie(
         COOKIE,
-        key,
+        key.get_secret_value(),
         max_age=_DAYS * 86400,
         httponly=True,
         samesite="strict",

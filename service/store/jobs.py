@@ -4,11 +4,27 @@ from __future__ import annotations
 
 import json
 import secrets
-from collections.abc import Collection, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from sqlalchemy import JSON, Connection, Text, bindparam, cast, delete, func, insert, select, true, update
+import structlog
+from sqlalchemy import (
+    JSON,
+    Column,
+    ColumnElement,
+    Connection,
+    RowMapping,
+    Text,
+    bindparam,
+    cast,
+    delete,
+    func,
+    insert,
+    select,
+    true,
+    update,
+)
 from sqlalchemy.exc import IntegrityError
 
 from service.dispatch import Waiting, start_order
@@ -17,8 +33,10 @@ from service.store.database import Database, keep_event_order
 from service.store.records import (
     EventRecord,
     JobRecord,
+    Kept,
     NewJob,
     Progress,
+    RowUnreadable,
     event_from,
     job_as_json,
     job_from,
@@ -27,11 +45,16 @@ from service.store.records import (
 from service.store.scenes import SceneNotFound
 from service.store.schema import events, jobs, scenes
 
-_WITHOUT_CURVE = [column for column in jobs.columns if column.name not in ("curve", "idempotency_key", "lease_until")]
-# Their JSON as text: it is read only where it has changed.
-_AS_STORED = [cast(one, Text).label(one.name) if isinstance(one.type, JSON) else one for one in _WITHOUT_CURVE]
-_NAMES = [column.name for column in _WITHOUT_CURVE]
-_JSON_NAMES = [column.name for column in _WITHOUT_CURVE if isinstance(column.type, JSON)]
+
+def _as_text(column: Column[Any]) -> ColumnElement[Any]:
+    """JSON as text: it is read only where it has changed, and one that is none spoils no other row."""
+    return cast(column, Text).label(column.name) if isinstance(column.type, JSON) else column
+
+
+_UNREAD = ("idempotency_key", "lease_until")
+_WHOLE = [_as_text(column) for column in jobs.columns if column.name not in _UNREAD]
+_LISTED = [column for column in _WHOLE if column.name != "curve"]
+_NAMES = [column.name for column in _LISTED]
 _NUMBER = _NAMES.index("number")
 _KEPT_ROWS = 2000
 _QUEUED = select(jobs.c.id, jobs.c.number, jobs.c.frame_seq > 0, jobs.c.client_id, jobs.c.priority).where(
@@ -60,6 +83,30 @@ class Superseded(Exception):
     """Another server has taken the job up: what this one still has of it counts no more."""
 
 
+class QueueFull(Exception):
+    """No more jobs may wait."""
+
+    def __init__(self, count: int, whose: str) -> None:
+        super().__init__(f"{count} jobs wait already, {whose}; try again later or cancel some")
+
+
+@dataclass(frozen=True, slots=True)
+class QueueLimits:
+    """How many jobs may be queued: of all clients together, and of one."""
+
+    of_all: int
+    of_one: int
+
+    def check(self, waiting: Mapping[str, int], client_id: str) -> None:
+        """Whether one more job of a client may wait. waiting: queued jobs by client. Raises QueueFull."""
+        limits = [(sum(waiting.values()), self.of_all, "the limit of this service")]
+        if client_id:
+            limits.append((waiting.get(client_id, 0), self.of_one, "the limit of one client"))
+        for count, most, whose in limits:
+            if count >= most:
+                raise QueueFull(count, whose)
+
+
 class KeyUsedOtherwise(Exception):
     """An idempotency key came again with another request."""
 
@@ -74,16 +121,17 @@ class JobStore:
         self._database = database
         # Rows of lists and what was made of them, by number: most are as they were when they were last asked for.
         self._rows: dict[int, tuple[tuple[Any, ...], JobRecord]] = {}
+        self._unreadable: dict[str, str] = {}
 
-    def add(self, new: NewJob) -> tuple[JobRecord, bool]:
+    def add(self, new: NewJob, limits: QueueLimits | None = None) -> tuple[JobRecord, bool]:
         """Queue a job; with an idempotency key at most once. The job, and whether it is new.
 
-        Raises KeyUsedOtherwise, and SceneNotFound where the scene was deleted meanwhile.
+        Raises KeyUsedOtherwise, QueueFull, and SceneNotFound where the scene was deleted meanwhile.
         """
         try:
             if found := self.submitted(new.client_id, new.idempotency_key, new.request_digest):
                 return found, False
-            return self._insert(new), True
+            return self._insert(new, limits), True
         except IntegrityError:
             # Another request with the same key came in between.
             if found := self.submitted(new.client_id, new.idempotency_key, new.request_digest):
@@ -94,25 +142,57 @@ class JobStore:
         """The job that a client has queued with this key, or None. Raises KeyUsedOtherwise."""
         if idempotency_key is None:
             return None
-        query = select(jobs).where(jobs.c.client_id == client_id, jobs.c.idempotency_key == idempotency_key)
+        query = select(*_WHOLE).where(jobs.c.client_id == client_id, jobs.c.idempotency_key == idempotency_key)
         with self._database.read() as connection:
             row = connection.execute(query).mappings().first()
         if row is not None and row["request_digest"] != request_digest:
             raise KeyUsedOtherwise
         return job_from(row) if row is not None else None
 
-    def _insert(self, new: NewJob) -> JobRecord:
+    def add_series(self, some: Sequence[NewJob], limits: QueueLimits | None = None) -> tuple[list[JobRecord], bool]:
+        """Queue jobs as one series, all or none of them; with an idempotency key, that of the first, at most once. The
+        jobs, and whether they are new. Raises as `add` does.
+        """
+        first = some[0]
+
+        def submitted() -> list[JobRecord]:
+            found = self.submitted(first.client_id, first.idempotency_key, first.request_digest)
+            return self.series(found.series) if found is not None and found.series else []
+
+        if found := submitted():
+            return found, False
+        name = secrets.token_hex(6)
+        try:
+            with self._database.write() as connection:
+                made = [self._insert_one(connection, replace(new, series=name), limits) for new in some]
+        except IntegrityError:
+            # Another request with the same key came in between.
+            if found := submitted():
+                return found, False
+            raise
+        return made, True
+
+    def series(self, name: str, client_id: str | None = None) -> list[JobRecord]:
+        """The jobs of a series, of one client or of all, in the order in which they were queued."""
+        is_own = true() if client_id is None else jobs.c.client_id == client_id
+        query = select(*_WHOLE).where(is_own, jobs.c.series == name).order_by(jobs.c.number)
+        with self._database.read() as connection:
+            return [job_from(row) for row in connection.execute(query).mappings()]
+
+    def _insert(self, new: NewJob, limits: QueueLimits | None) -> JobRecord:
+        with self._database.write() as connection:
+            return self._insert_one(connection, new, limits)
+
+    def _insert_one(self, connection: Connection, new: NewJob, limits: QueueLimits | None) -> JobRecord:
         row = {**asdict(new), "id": secrets.token_hex(6), "state": State.QUEUED, "created_at": now()}
         row |= {"progress": asdict(Progress()), "curve": [], "warnings": list(new.warnings)}
-        with self._database.write() as connection:
-            if new.scene_kind == "upload":
-                held = (
-                    select(scenes.c.id).where(scenes.c.id == new.scene_ref).with_for_update(read=True, key_share=True)
-                )
-                if connection.execute(held).first() is None:
-                    raise SceneNotFound(new.scene_ref)
-            added = connection.execute(insert(jobs).values(row).returning(jobs)).mappings().one()
-            return _record(connection, job_from(added))
+        _check_room(connection, new.client_id, limits)
+        if new.scene_kind == "upload":
+            held = select(scenes.c.id).where(scenes.c.id == new.scene_ref).with_for_update(read=True, key_share=True)
+            if connection.execute(held).first() is None:
+                raise SceneNotFound(new.scene_ref)
+        added = connection.execute(insert(jobs).values(row).returning(*_WHOLE)).mappings().one()
+        return _record(connection, job_from(added))
 
     def get(self, job_id: str) -> JobRecord:
         """One job with its curve. Raises JobNotFound."""
@@ -133,44 +213,96 @@ class JobStore:
         changed is the same value as the last time. Raises JobNotFound.
         """
         is_own = true() if client_id is None else jobs.c.client_id == client_id
-        query = select(*_AS_STORED).where(is_own).order_by(jobs.c.number.desc()).limit(limit)
+        query = select(*_LISTED).where(is_own).order_by(jobs.c.number.desc())
         if states:
             query = query.where(jobs.c.state.in_(states))
+        found: list[JobRecord] = []
         with self._database.read() as connection:
             if before is not None:
                 number = connection.execute(select(jobs.c.number).where(is_own, jobs.c.id == before)).scalar()
                 if number is None:
                     raise JobNotFound(before)
                 query = query.where(jobs.c.number < number)
-            return [self._listed(tuple(row)) for row in connection.execute(query)]
+            # Rows that cannot be read are not the end of the list.
+            while rows := [tuple(row) for row in connection.execute(query.limit(limit - len(found)))]:
+                found.extend(job for row in rows if (job := self._listed(row)) is not None)
+                if len(found) >= limit:
+                    break
+                query = query.where(jobs.c.number < rows[-1][_NUMBER])
+        return found
 
-    def _listed(self, row: tuple[Any, ...]) -> JobRecord:
+    def count(self, client_id: str | None = None, states: Collection[State] = ()) -> int:
+        """How many jobs there are, of one client or of all, in these states or in any."""
+        query = select(func.count()).select_from(jobs)
+        if client_id is not None:
+            query = query.where(jobs.c.client_id == client_id)
+        if states:
+            query = query.where(jobs.c.state.in_(states))
+        with self._database.read() as connection:
+            return connection.execute(query).scalar_one()
+
+    def _listed(self, row: tuple[Any, ...]) -> JobRecord | None:
         number = row[_NUMBER]
         if (kept := self._rows.get(number)) is not None and kept[0] == row:
             return kept[1]
-        fields = dict(zip(_NAMES, row, strict=True))
-        job = job_from(fields | {name: json.loads(fields[name] or "null") for name in _JSON_NAMES})
-        if len(self._rows) >= _KEPT_ROWS:
-            self._rows.clear()
-        self._rows[number] = row, job
+        job = self._read(dict(zip(_NAMES, row, strict=True)))
+        if job is not None:
+            if len(self._rows) >= _KEPT_ROWS:
+                self._rows.clear()
+            self._rows[number] = row, job
         return job
 
-    def queue(self) -> list[Waiting]:
-        """The queued jobs, next first."""
+    def _read(self, row: RowMapping | dict[str, Any]) -> JobRecord | None:
+        """A row as a value; None, with its name in the log, where it cannot be read."""
+        try:
+            job = job_from(row)
+        except RowUnreadable as bad:
+            self.note_unreadable(bad)
+            return None
+        self._unreadable.pop(job.id, None)
+        return job
+
+    def note_unreadable(self, bad: RowUnreadable) -> None:
+        """Say once which row cannot be read."""
+        if self._unreadable.get(bad.row_id) != bad.reason:
+            self._unreadable[bad.row_id] = bad.reason
+            structlog.get_logger("service.store").error("a row cannot be read", job=bad.row_id, why=bad.reason)
+
+    def unreadable(self) -> dict[str, str]:
+        """Rows of jobs that could not be read, with the reasons, as far as they were looked at."""
+        return dict(self._unreadable)
+
+    def clients(self) -> dict[str, str]:
+        """Whose each job is, by id."""
         with self._database.read() as connection:
-            return _queue(connection)
+            return {row.id: row.client_id for row in connection.execute(select(jobs.c.id, jobs.c.client_id))}
+
+    def queue(self) -> list[Waiting]:
+        """The queued jobs that can be read, next first."""
+        with self._database.read() as connection:
+            return [waiting for waiting in _queue(connection) if waiting.job_id not in self._unreadable]
 
     def waiting(self) -> dict[str, int]:
         """How many jobs of each client are queued."""
         with self._database.read() as connection:
             return _counts_by_client(connection, State.QUEUED)
 
-    def claim(self, owner: str = "", lease_until: str = "", client_id: str | None = None) -> JobRecord | None:
+    def claim(
+        self, owner: str = "", lease_until: str = "", client_id: str | None = None, passed: Collection[str] = ()
+    ) -> JobRecord | None:
         """Start the next queued job of a client or of all, in one statement: no two callers get the same one.
 
-        owner, lease_until: who runs it, and until when it may be silent.
+        owner, lease_until: who runs it, and until when it may be silent. passed: jobs that are not to be started now.
         """
-        waiting = select(jobs.c.id).where(jobs.c.state == State.QUEUED).order_by(*_QUEUE_ORDER).limit(1)
+        while True:
+            try:
+                return self._claim(owner, lease_until, client_id, passed)
+            except RowUnreadable as bad:  # it stays queued, and others go on
+                self.note_unreadable(bad)
+
+    def _claim(self, owner: str, lease_until: str, client_id: str | None, passed: Collection[str]) -> JobRecord | None:
+        is_queued = (jobs.c.state == State.QUEUED) & jobs.c.id.not_in([*self._unreadable, *passed])
+        waiting = select(jobs.c.id).where(is_queued).order_by(*_QUEUE_ORDER).limit(1)
         if client_id is not None:
             waiting = waiting.where(jobs.c.client_id == client_id)
         claim = (
@@ -183,7 +315,7 @@ class JobStore:
                 lease_owner=owner,
                 lease_until=lease_until,
             )
-            .returning(jobs)
+            .returning(*_WHOLE)
         )
         with self._database.write() as connection:
             row = connection.execute(claim).mappings().first()
@@ -209,20 +341,25 @@ class JobStore:
         is_over |= jobs.c.lease_owner.is_(None)
         if ended_place is not None:
             is_over |= jobs.c.lease_owner.startswith(ended_place, autoescape=True)
-        statement = (
-            update(jobs)
-            .where(jobs.c.state.in_(sources(Step.GIVE_BACK)), is_over)
-            .values(state=destination(Step.GIVE_BACK), lease_owner=None, lease_until=None)
-            .returning(jobs)
-        )
+        found = select(*_WHOLE).where(jobs.c.state.in_(sources(Step.GIVE_BACK)), is_over).with_for_update()
+        to = {"state": destination(Step.GIVE_BACK), "lease_owner": None, "lease_until": None}
         with self._database.write() as connection:
-            given = [job_from(row) for row in connection.execute(statement).mappings()]
+            rows = [self._read(row) for row in connection.execute(found).mappings().all()]
+            ids = [job.id for job in rows if job is not None]
+            statement = update(jobs).where(jobs.c.id.in_(ids)).values(to).returning(*_WHOLE)
+            given = [job_from(row) for row in connection.execute(statement).mappings()] if ids else []
             return [_record(connection, job) for job in sorted(given, key=lambda job: job.number)]
 
     def save(
-        self, job: JobRecord, progress: Progress, curve: Sequence[dict[str, float]], checkpoint: str | None
+        self,
+        job: JobRecord,
+        progress: Progress,
+        curve: Sequence[dict[str, Any]],
+        checkpoint: str | None,
+        digest: str | None = None,
+        earlier: Kept | None = None,
     ) -> bool:
-        """Record progress together with the estimate that holds it.
+        """Record progress together with the estimate that holds it, its sha256, and the estimate before it.
 
         False if the job has moved on meanwhile.
         """
@@ -234,12 +371,38 @@ class JobStore:
                 frame_seq=progress.frame_seq,
                 curve=list(curve),
                 checkpoint=checkpoint,
+                checkpoint_digest=digest,
+                earlier=asdict(earlier) if earlier else None,
                 crashes=0,  # it got further than where it crashed
                 warnings=list(job.warnings),
+                losses=list(job.losses) or None,
             )
         )
         with self._database.write() as connection:
             return connection.execute(statement).rowcount == 1
+
+    def note_loss(self, job: JobRecord, losses: Sequence[str], kept: Kept | None) -> None:
+        """Say in a job that does not run which of its saved estimates were found damaged.
+
+        kept: what it has from now on; None: nothing sound is left, and its row goes on naming what there was, in case
+        someone puts the file back. Nothing is said of a job that runs or has another estimate meanwhile.
+        """
+        told = [*job.losses, *(one for one in losses if one not in job.losses)]
+        changes: dict[str, Any] = {"losses": told}
+        if kept is not None:
+            changes |= {"checkpoint": kept.name, "checkpoint_digest": kept.digest, "earlier": None}
+            changes |= {"progress": asdict(replace(kept.progress, frame_seq=job.progress.frame_seq + 1))}
+            changes |= {"frame_seq": job.progress.frame_seq + 1}
+        statement = (
+            update(jobs)
+            .where(jobs.c.id == job.id, jobs.c.checkpoint == job.checkpoint, jobs.c.state != State.RUNNING)
+            .values(changes)
+            .returning(*_WHOLE)
+        )
+        with self._database.write() as connection:
+            row = connection.execute(statement).mappings().first()
+            if row is not None:
+                _record(connection, job_from(row))
 
     def count_crash(self, job: JobRecord) -> JobRecord:
         """Note that the render process died under this job; its next attempt begins. Raises Superseded."""
@@ -247,7 +410,7 @@ class JobStore:
             update(jobs)
             .where(jobs.c.id == job.id, jobs.c.attempt == job.attempt, jobs.c.state == State.RUNNING)
             .values(crashes=jobs.c.crashes + 1, attempt=jobs.c.attempt + 1)
-            .returning(jobs)
+            .returning(*_WHOLE)
         )
         with self._database.write() as connection:
             row = connection.execute(statement).mappings().first()
@@ -274,29 +437,34 @@ class JobStore:
         *,
         only_from: frozenset[State] = frozenset(State),
         attempt: int | None = None,
+        limits: QueueLimits | None = None,
         **changes: Any,
     ) -> JobRecord:
         """Take a step, with further columns changed.
 
-        attempt: of the caller; one that is no longer the job's changes nothing. Raises JobNotFound, IllegalStep,
-        Superseded.
+        attempt: of the caller; one that is no longer the job's changes nothing. limits: of the queue that the step
+        leads to. Raises JobNotFound, IllegalStep, Superseded, QueueFull.
         """
         to = destination(step)
         if to is not State.RUNNING:
             changes |= {"lease_owner": None, "lease_until": None}
         if to in ENDED:
             changes.setdefault("finished_at", now())
+        if isinstance(earlier := changes.get("earlier"), Kept):
+            changes["earlier"] = asdict(earlier)
         if isinstance(progress := changes.get("progress"), Progress):
             changes |= {"progress": asdict(progress), "frame_seq": progress.frame_seq}
         statement = (
             update(jobs)
             .where(jobs.c.id == job_id, jobs.c.state.in_(only_from.intersection(sources(step))))
             .values(state=to, **changes)
-            .returning(jobs)
+            .returning(*_WHOLE)
         )
         if attempt is not None:
             statement = statement.where(jobs.c.attempt == attempt)
         with self._database.write() as connection:
+            if limits is not None:
+                _check_room(connection, _one(connection, job_id).client_id, limits)
             row = connection.execute(statement).mappings().first()
             if row is None:
                 found = _one(connection, job_id)
@@ -312,14 +480,27 @@ class JobStore:
             found = {state: count for state, count in connection.execute(query)}
         return {state: found.get(state, 0) for state in State}
 
-    def checkpoints(self) -> dict[str, str | None]:
-        """The saved estimate of every job."""
+    def checkpoints(self) -> dict[str, set[str] | None]:
+        """The saved estimates of every job: the newest, and the one before it. None where that cannot be read."""
+        query = select(jobs.c.id, jobs.c.checkpoint, _as_text(jobs.c.earlier))
+        found: dict[str, set[str] | None] = {}
         with self._database.read() as connection:
-            return {row.id: row.checkpoint for row in connection.execute(select(jobs.c.id, jobs.c.checkpoint))}
+            for row in connection.execute(query):
+                try:
+                    earlier = json.loads(row.earlier)["name"] if row.earlier else None
+                    found[row.id] = {name for name in (row.checkpoint, earlier) if name}
+                except (ValueError, TypeError, LookupError):
+                    found[row.id] = None
+        return found
+
+    def check_presence(self) -> None:
+        """Whether the database is still there. Raises DatabaseReplaced."""
+        self._database.check_presence()
 
     def events_after(self, event_id: int, limit: int) -> list[EventRecord]:
         """Transitions later than `event_id`, oldest first."""
-        query = select(events).where(events.c.id > event_id).order_by(events.c.id).limit(limit)
+        columns = [_as_text(column) for column in events.columns]
+        query = select(*columns).where(events.c.id > event_id).order_by(events.c.id).limit(limit)
         with self._database.read() as connection:
             return [event_from(row) for row in connection.execute(query).mappings()]
 
@@ -347,7 +528,7 @@ class JobStore:
 
 
 def _one(connection: Connection, job_id: str) -> JobRecord:
-    row = connection.execute(select(jobs).where(jobs.c.id == job_id)).mappings().first()
+    row = connection.execute(select(*_WHOLE).where(jobs.c.id == job_id)).mappings().first()
     if row is None:
         raise JobNotFound(job_id)
     return job_from(row)
@@ -362,6 +543,13 @@ def _queue(connection: Connection) -> list[Waiting]:
 
 def _counts_by_client(connection: Connection, state: State) -> dict[str, int]:
     return {client_id: count for client_id, count in connection.execute(_COUNTS, {"counted": state})}
+
+
+def _check_room(connection: Connection, client_id: str, limits: QueueLimits | None) -> None:
+    """In the transaction that queues a job: two that count at once would both find the last place. Raises QueueFull."""
+    if limits is not None:
+        keep_event_order(connection)  # nobody else queues before this transaction ends
+        limits.check(_counts_by_client(connection, State.QUEUED), client_id)
 
 
 def _record(connection: Connection, job: JobRecord) -> JobRecord:

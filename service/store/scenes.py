@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import Any
 
-from sqlalchemy import ColumnElement, delete, func, insert, select
+import structlog
+from sqlalchemy import ColumnElement, Text, cast, delete, func, insert, literal, select, tuple_
 from sqlalchemy.exc import IntegrityError
 
 from service.store.database import Database
-from service.store.records import SceneRecord, now, scene_from
+from service.store.records import RowUnreadable, SceneRecord, now, scene_from
 from service.store.schema import jobs, scene_clients, scenes
 
 
@@ -17,6 +19,13 @@ class SceneNotFound(Exception):
 
     def __init__(self, scene_id: str) -> None:
         super().__init__(f"there is no uploaded scene {scene_id!r}")
+
+
+class SceneDamaged(Exception):
+    """The files of an uploaded scene are not what was uploaded."""
+
+    def __init__(self, scene_id: str) -> None:
+        super().__init__(f"the files of the uploaded scene {scene_id!r} are damaged on the service's disk")
 
 
 class SceneStillNeeded(Exception):
@@ -52,9 +61,18 @@ class SceneStore:
         found = self._select(client_id, scenes.c.id == scene_id)
         return found[0] if found else None
 
-    def newest(self, client_id: str | None = None) -> list[SceneRecord]:
-        """The scenes of one client or of all, newest first."""
-        return self._select(client_id)
+    def newest(self, client_id: str | None = None, limit: int = 100, before: str | None = None) -> list[SceneRecord]:
+        """The scenes of one client or of all, newest first; before: only those older than this one.
+
+        Raises SceneNotFound where that is not among them.
+        """
+        if before is None:
+            return self._select(client_id, limit=limit)
+        last = self.get(before, client_id)
+        if last is None:
+            raise SceneNotFound(before)
+        is_older = tuple_(scenes.c.created_at, scenes.c.id) < tuple_(literal(last.created_at), literal(last.id))
+        return self._select(client_id, is_older, limit=limit)
 
     def remove(self, scene_id: str, client_id: str | None = None) -> bool:
         """Forget a scene; with a client: its own upload of it. Whether nobody holds the content any more.
@@ -94,13 +112,27 @@ class SceneStore:
         with self._database.read() as connection:
             return set(connection.execute(select(scenes.c.id)).scalars())
 
-    def _select(self, client_id: str | None, *conditions: ColumnElement[bool]) -> list[SceneRecord]:
-        columns = list(scenes.columns)
-        query = select(*columns)
-        if client_id is not None:
-            columns[columns.index(scenes.c.name)] = scene_clients.c.name
-            query = select(*columns).join(scene_clients, scene_clients.c.scene_id == scenes.c.id)
+    def _select(
+        self, client_id: str | None, *conditions: ColumnElement[bool], limit: int | None = None
+    ) -> list[SceneRecord]:
+        columns: list[ColumnElement[Any]] = [
+            cast(column, Text).label(column.name) if column is scenes.c.warnings else column
+            for column in scenes.columns
+            if column is not scenes.c.name
+        ]
+        if client_id is None:
+            query = select(scenes.c.name, *columns)
+        else:
+            query = select(scene_clients.c.name, *columns)
+            query = query.join(scene_clients, scene_clients.c.scene_id == scenes.c.id)
             query = query.where(scene_clients.c.client_id == client_id)
+        query = query.where(*conditions).order_by(scenes.c.created_at.desc(), scenes.c.id.desc()).limit(limit)
         with self._database.read() as connection:
-            rows = connection.execute(query.where(*conditions).order_by(scenes.c.created_at.desc())).mappings()
-            return [scene_from(row) for row in rows]
+            rows = connection.execute(query).mappings().all()
+        found: list[SceneRecord] = []
+        for row in rows:
+            try:
+                found.append(scene_from(row))
+            except RowUnreadable as bad:
+                structlog.get_logger("service.store").error("a row cannot be read", scene=bad.row_id, why=bad.reason)
+        return found

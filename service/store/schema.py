@@ -30,6 +30,9 @@ jobs = Table(
     Column("attempt", Integer, nullable=False, default=0),
     Column("crashes", Integer, nullable=False, default=0),
     Column("checkpoint", Text),  # path of the saved estimate, relative to the folder of estimates
+    Column("checkpoint_digest", Text),  # sha256 of that file; null: saved by an older version
+    Column("earlier", JSON(none_as_null=True)),  # the estimate saved before it: name, digest, progress
+    Column("losses", JSON(none_as_null=True)),  # sentences: what was lost of the job, and why
     Column("frame_seq", Integer, nullable=False, default=0),
     Column("progress", JSON, nullable=False),
     Column("curve", JSON, nullable=False),
@@ -42,9 +45,11 @@ jobs = Table(
     # A repeated submission with the same key finds the job of the first one.
     Column("idempotency_key", Text),
     Column("request_digest", Text),
+    Column("series", Text),  # the same for jobs that were queued together; null: alone
     sqlite_autoincrement=True,
 )
 Index("jobs_by_state", jobs.c.state, jobs.c.number)
+Index("jobs_by_series", jobs.c.series)
 Index("jobs_by_client", jobs.c.client_id, jobs.c.state)
 Index("jobs_by_idempotency_key", jobs.c.client_id, jobs.c.idempotency_key, unique=True)
 
@@ -97,4 +102,9 @@ api_keys = Table(
 )
 
 # The data folder that this database belongs to: its jobs name files in there. One row.
-data_folder = Table("data_folder", metadata, Column("identity", Text, primary_key=True))
+data_folder = Table(
+    "data_folder",
+    metadata,
+    Column("identity", Text, primary_key=True),
+    Column("database_id", Text),  # of this database; its folder keeps it too
+)

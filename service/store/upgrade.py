@@ -6,6 +6,7 @@ from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
+from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, inspect, text
 
 _FIRST = "0001"
@@ -21,9 +22,29 @@ def configuration(connection: Connection) -> Config:
     return config
 
 
+class NewerTables(Exception):
+    """The tables are those of a newer version of this program."""
+
+
+def check_version(connection: Connection) -> None:
+    """Whether this program knows the tables. Raises NewerTables."""
+    if "alembic_version" not in inspect(connection).get_table_names():
+        return
+    script = ScriptDirectory.from_config(configuration(connection))
+    known = {step.revision for step in script.walk_revisions()}
+    for (found,) in connection.execute(text("SELECT version_num FROM alembic_version")).all():
+        if found not in known:
+            raise NewerTables(
+                f"the tables of the database have version {found}, and this program knows them up to "
+                f"{script.get_current_head()}: a newer version has used it; start that one, or put back a copy of the "
+                "database from before"
+            )
+
+
 def upgrade(connection: Connection) -> None:
     """Take the missing steps, all or none, inside the connection's transaction."""
     if connection.dialect.name == "postgresql":
+        connection.execute(text("SET LOCAL lock_timeout = 0"))  # another server's upgrade may take long
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _ADVISORY_LOCK})
     config = configuration(connection)
     tables = inspect(connection).get_table_names()

@@ -87,6 +87,6 @@ def _replicates(kernel: Any, scene: renderer.Scene, seed: int) -> NDArray[np.flo
 
 
 if __name__ == "__main__":
-    scenes.use_box_filters()
-    for asked in sys.argv[1:] or SCENES:
-        compare(asked)
+    with scenes.box_filters():
+        for asked in sys.argv[1:] or SCENES:
+            compare(asked)

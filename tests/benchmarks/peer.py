@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from typing import Any
 
@@ -34,7 +35,7 @@ class Peer:
         self.sensor.set_scene(scene.mitsuba_scene)
         self.integrator: Any = mi.load_dict(
             {
-                "type": "path",
+                "type": "volpath" if needs.media else "path",
                 "max_depth": needs.max_depth,
                 "rr_depth": needs.rr_depth,
                 "hide_emitters": needs.hide_emitters,
@@ -42,22 +43,23 @@ class Peer:
         )
 
     def calibrate(self, seconds: float) -> int:
-        """Samples per pixel that take about `seconds`; leaves the kernel for that number warm."""
+        """Samples per pixel that take about `seconds` on all cores; leaves the kernel for that number warm."""
         self.render(PILOT_SPP, 0)
         _, took, spp = self.render(PILOT_SPP, 1)
         most = max(1, LARGEST_LAUNCH // (self.scene.width * self.scene.height))
-        asked = min(most, max(1, round(spp * seconds / took)))
+        cores = len(os.sched_getaffinity(0))
+        asked = min(most, max(1, round(spp * seconds * cores / took)))
         _, _, spp = self.render(asked, 2)
         return spp
 
     def render(self, spp: int, seed: int) -> tuple[NDArray[np.float64], float, int]:
-        """(H, W, 3) radiance, seconds, samples per pixel."""
+        """(H, W, 3) radiance, processor seconds, samples per pixel."""
         sampler = self.sensor.sampler()
         sampler.set_sample_count(spp)
         spp = int(sampler.sample_count())
-        began = time.perf_counter()
+        began = time.process_time()
         image: Any = mitsuba().render(
             self.scene.mitsuba_scene, sensor=self.sensor, integrator=self.integrator, spp=spp, seed=seed
         )
         pixels = np.array(image, dtype=np.float64)
-        return pixels[..., :3], time.perf_counter() - began, spp
+        return pixels[..., :3], time.process_time() - began, spp

@@ -6,6 +6,7 @@ is known too, and is taken off.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,34 +25,45 @@ WORST = 0.01  # share of the pixels
 
 @dataclass(frozen=True)
 class Reference:
-    """mean: (H, W, 3) radiance. variance: (H, W, 3) of the mean."""
+    """mean: (H, W, 3) radiance. variance: (H, W, 3) of the mean. border: pixels on each side that do not count: there
+    Mitsuba gives the samples within the image more weight, where a wide filter would have some from outside.
+    """
 
     mean: NDArray[np.float64]
     variance: NDArray[np.float64]
     seconds: float
+    border: int = 0
+
+    def _inner(self, image: NDArray) -> NDArray:
+        b = self.border
+        return image[b : image.shape[0] - b, b : image.shape[1] - b]
 
     @property
     def own_rel_mse(self) -> float:
         """What the reference's own error adds to a relMSE against it."""
-        return float(np.mean(self.variance / (self.mean**2 + floor_of(self.mean))))
+        mean = self._inner(self.mean)
+        return float(np.mean(self._inner(self.variance) / (mean**2 + floor_of(mean))))
 
     def rel_mse(self, image: NDArray) -> float:
         """Relative squared error of an image, the reference's own part taken off."""
-        return rel_mse(image, self.mean) - self.own_rel_mse
+        return rel_mse(self._inner(image), self._inner(self.mean)) - self.own_rel_mse
 
     def typical_rel_mse(self, image: NDArray) -> float:
         """The same without the worst hundredth of the pixels: fireflies come in a few runs of many, and one of them
         decides the mean over all."""
-        scale = self.mean**2 + floor_of(self.mean)
-        squared = np.mean((image - self.mean) ** 2 / scale, axis=-1).ravel()
-        own = np.mean(self.variance / scale, axis=-1).ravel()
+        mean = self._inner(self.mean)
+        scale = mean**2 + floor_of(mean)
+        squared = np.mean((self._inner(image) - mean) ** 2 / scale, axis=-1).ravel()
+        own = np.mean(self._inner(self.variance) / scale, axis=-1).ravel()
         kept = np.argsort(squared)[: max(1, round((1 - WORST) * len(squared)))]
         return float(np.mean(squared[kept] - own[kept]))
 
 
 def converged(scene: renderer.Scene, seconds: float, keep: bool = True) -> Reference:
     """A reference of at least `seconds` of render time, read from the cache as far as it is there."""
-    path = FOLDER / f"{scene.name}-{scene.digest[:12]}-{scene.width}x{scene.height}.exr"
+    rfilter = scene.sensor.film().rfilter()
+    kind = "box" if rfilter.is_box_filter() else "own"
+    path = FOLDER / f"{scene.name}-{scene.digest[:12]}-{kind}-{scene.width}x{scene.height}.exr"
     estimate = _read(path) if keep else None
     settings = renderer.Settings(scene.width, scene.height, SEED)
     while estimate is None or estimate.seconds < seconds:
@@ -65,7 +77,8 @@ def converged(scene: renderer.Scene, seconds: float, keep: bool = True) -> Refer
         if keep:
             FOLDER.mkdir(parents=True, exist_ok=True)
             estimate.write(path)
-    return Reference(estimate.mean, estimate.stderr[..., :3] ** 2, estimate.seconds)
+    border = 0 if kind == "box" else math.ceil(float(rfilter.radius()) - 0.5)
+    return Reference(estimate.mean, estimate.stderr[..., :3] ** 2, estimate.seconds, border)
 
 
 def _read(path: Path) -> renderer.Estimate | None:

@@ -76,6 +76,6 @@ def _variance(values: Any) -> float:
 
 
 if __name__ == "__main__":
-    scenes.use_box_filters()
-    found = [compare(asked) for asked in sys.argv[1:] or SCENES]
+    with scenes.box_filters():
+        found = [compare(asked) for asked in sys.argv[1:] or SCENES]
     print(f"geometric mean {np.exp(np.mean(np.log(found))):.2f}")

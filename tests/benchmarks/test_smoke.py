@@ -19,7 +19,7 @@ def test_the_benchmark_runs_and_reports_every_ratio(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "geometric" not in done.stdout  # one scene: nothing to average
     (row,) = map(json.loads, lines.read_text().splitlines())
-    for key in ("samples_per_second", "path_samples_per_second", "rate_ratio", "error_ratio"):
+    for key in ("samples_per_second", "path_samples_per_second", "rate_ratio", "error_ratio", "boxed_error_ratio"):
         assert math.isfinite(row[key])
     for key in ("rate_ratio", "rays_per_second", "ray_limit_share", "peak_bytes", "first_picture_cold"):
         assert row[key] > 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import zipfile
 from collections.abc import Callable
@@ -87,13 +88,22 @@ def pretend(page: Page, stage: Stage, **changes: Any) -> None:
 
     def answer(route: Route) -> None:
         is_one = f"api/jobs/{told['id']}" in route.request.url
-        route.fulfill(json=told if is_one else {"jobs": listed})
+        route.fulfill(json=told if is_one else {"jobs": listed, "total": len(listed)})
 
     page.route(re.compile(rf"api/jobs(/{told['id']}$|\?)"), answer)
     page.goto(stage.address(f"#/jobs/{told['id']}"))
     expect(page.locator("aside h2").first).to_be_visible()
 
 
+# Places in the queue come from the event stream alone.
+TELLS_QUEUE = """
+  const Real = window.EventSource;
+  window.EventSource = class extends Real {
+    addEventListener(type, listener) {
+      super.addEventListener(type, type === 'queue' ? () => listener({ data: QUEUE }) : listener);
+    }
+  };
+"""
 NO_PICTURE = {"frame_seq": 0, "error": None, "error_upper": None, "samples": 0, "spp": 0, "seconds": 0.0}
 NO_PICTURE |= {"share_within": None, "share_trusted": None, "health": None, "finished_at": None, "stopped_by": None}
 CAUSE = {
@@ -104,7 +114,7 @@ CAUSE = {
 
 
 def empty(page: Page, stage: Stage) -> None:
-    page.route(re.compile(r"api/jobs\?"), lambda route: route.fulfill(json={"jobs": []}))
+    page.route(re.compile(r"api/jobs\?"), lambda route: route.fulfill(json={"jobs": [], "total": 0}))
     show(page, stage, "")
     expect(page.get_by_role("heading", name="Nothing rendered yet.")).to_be_visible()
     expect(page.get_by_role("button", name="Cornell box")).to_be_visible()
@@ -117,6 +127,8 @@ def start(page: Page, stage: Stage) -> None:
 
 def queued(page: Page, stage: Stage) -> None:
     soon = (datetime.now(UTC) + timedelta(seconds=90)).isoformat()
+    told = json.dumps({"places": [{"id": stage.done, "position": 2, "expected_start": soon}]})
+    page.add_init_script(TELLS_QUEUE.replace("QUEUE", json.dumps(told)))
     pretend(page, stage, **NO_PICTURE, state="queued", queue_position=2, started_at=None, expected_start=soon)
     expect(page.get_by_role("main")).to_contain_text("2nd in the queue")
     expect(page.get_by_role("main")).to_contain_text("starts in about")
@@ -313,6 +325,30 @@ def lesson(page: Page, stage: Stage) -> None:
     page.wait_for_timeout(500)
 
 
+def chapter_equation(page: Page, stage: Stage) -> None:
+    show(page, stage, "#/learn/cornell-box?chapter=equation&x=174&y=445")
+    expect(page.get_by_text("The intervals meet")).to_be_visible(timeout=60_000)
+    page.wait_for_timeout(500)
+
+
+def chapter_rays(page: Page, stage: Stage) -> None:
+    show(page, stage, "#/learn/cornell-box?chapter=rays&x=174&y=500&path=13&vertex=4")
+    expect(page.locator("[data-path-sum]")).to_be_visible(timeout=60_000)
+    page.wait_for_timeout(500)
+
+
+def chapter_forms(page: Page, stage: Stage) -> None:
+    show(page, stage, "#/learn/cornell-box?chapter=forms&x=256&y=500")
+    expect(page.locator("[data-form]")).to_have_count(3, timeout=60_000)
+    page.wait_for_timeout(500)
+
+
+def chapter_monte_carlo(page: Page, stage: Stage) -> None:
+    show(page, stage, "#/learn/cornell-box?chapter=monte-carlo&x=174&y=445")
+    expect(page.locator("[data-runs='200']")).to_have_count(2, timeout=60_000)
+    page.wait_for_timeout(500)
+
+
 PLACES: dict[str, Callable[[Page, Stage], None]] = {
     "empty": empty,
     "start": start,
@@ -349,4 +385,8 @@ PLACES: dict[str, Callable[[Page, Stage], None]] = {
     "continue": go_on,
     "delete": delete,
     "lesson": lesson,
+    "equation": chapter_equation,
+    "rays": chapter_rays,
+    "forms": chapter_forms,
+    "monte-carlo": chapter_monte_carlo,
 }

@@ -105,6 +105,9 @@ class Service:
     def delete(self, job_id: str) -> None:
         assert httpx.delete(f"{self.url}/api/jobs/{job_id}", timeout=30).is_success
 
+    def cancel(self, job_id: str) -> None:
+        assert httpx.post(f"{self.url}/api/jobs/{job_id}/cancel", timeout=30).is_success
+
     def wait_ended(self, job_id: str, seconds: float = 90) -> dict[str, Any]:
         ends = time.monotonic() + seconds
         while (job := self.job(job_id))["state"] not in ("succeeded", "failed", "cancelled"):

@@ -95,7 +95,7 @@ def test_everything_is_reached_with_tab(page: Page, stage: Stage, place: str) ->
              const area = document.querySelector('dialog[open]') ?? document;
              const groups = new Set();
              return [...area.querySelectorAll(focusable)].filter((element) => {
-               if (element.tabIndex < 0 || !element.checkVisibility()) return false;
+               if (element.tabIndex < 0 || !element.checkVisibility({ visibilityProperty: true })) return false;
                if (element.type === 'radio') return !groups.has(element.name) && groups.add(element.name);
                return true;
              }).map((element) => (element.dataset.wanted = '')).length;

@@ -1,6 +1,7 @@
 """`make coverage`: what the error bars, the stop rule, the forecast and adaptive sampling are worth, measured.
 
-    python -m tests.coverage_study [coverage | stopping | adaptive …] [--scenes NAME …] [--runs N] [--quick]
+    python -m tests.coverage_study [coverage | stopping | adaptive | partial | rare | meters …] [--scenes NAME …]
+        [--runs N] [--targets ERROR …] [--quick]
 
 Needs half an hour on two cores; --quick takes a few scenes and runs. See `bank.py` for what an independent run is.
 """
@@ -9,14 +10,16 @@ from __future__ import annotations
 
 import argparse
 import math
+from functools import partial as partial_of
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from renderer.audit.behind import lights_behind
 from renderer.scene import gallery
 from renderer.settings import Settings, Target, replicate_size_for
-from tests.coverage_study import adaptive, coverage, rare_light, stopping
+from tests.coverage_study import adaptive, coverage, hidden, hidden_light, meters, partial, rare_light, stopping
 from tests.coverage_study.bank import fill, is_there
 
 SHARED = (
@@ -32,6 +35,11 @@ MORE_ADAPTIVE = (
     *("shared/caustic-ring", "shared/pool", "shared/veach-ajar"),
     *("shared/living-room", "shared/room-indirect", "shared/sdf-instance"),
 )
+PARTIAL = ("shared/matpreview", "shared/living-room", "shared/veach-ajar", "shared/room-manylights")
+PARTS = ("coverage", "stopping", "adaptive", "partial", "rare", "meters")
+METER_TARGETS = (0.05, 0.01)
+LARGE = ("cornell-box", "materials", "shared/matpreview")  # that are rendered at all sizes
+RARE = [*hidden_light.NAMES, *hidden_light.MORE_NAMES, *hidden_light.REACHABLE]
 OUT = Console(width=150)
 
 
@@ -115,28 +123,99 @@ def show_adaptive(scenes: list[str], runs: int, quick: bool) -> None:
     OUT.print(table)
 
 
+def show_partial(scenes: list[str], runs: int, quick: bool) -> None:
+    """Said and true error of pictures that a time ends, alone and beside other renders; what is off is marked."""
+    table = Table(title=f"Said over true error after so many seconds; off where not {partial.LOW} … {partial.HIGH}")
+    for column in ("scene", "size", "beside", "seconds", "spp", "replicate", "two", "said", "true", "ratio", ""):
+        table.add_column(column, justify="left" if column == "scene" else "right")
+    rows = []
+    for name in scenes:
+        for width, height in partial.SIZES[: 1 if quick or name not in LARGE else None]:
+            scene = partial.sized(name, width, height)
+            reference = partial.reference_of(scene, 5.0 if quick else 30.0)
+            for others in (0, partial.BESIDE):
+                with partial.beside(others):
+                    cases = [(s, run) for s in partial.BUDGETS[width][: 2 if quick else None] for run in range(runs)]
+                    found = [partial.measure(scene, reference, seconds, 500 + run) for seconds, run in cases]
+                for row in found:
+                    cells = (
+                        *(f"{width}×{height}", str(others), f"{row.seconds:g}", f"{row.spp:.1f}", str(row.size)),
+                        f"{100 * row.two:.1f} %",
+                        "–" if row.said is None else f"{100 * row.said:.1f} %",
+                        *(f"{100 * row.true:.1f} %", "–" if row.ratio is None else f"{row.ratio:.2f}"),
+                        "off" if row.is_off else "",
+                    )
+                    table.add_row(name, *cells)
+                    OUT.print(f"[dim]{name}: {cells}", highlight=False)
+                rows += found
+    OUT.print(table)
+    said = [row for row in rows if row.said is not None]
+    OUT.print(f"{len(said)} of {len(rows)} said, {sum(row.is_off for row in said)} of them off", highlight=False)
+
+
+def show_rare(scenes: list[str], runs: int, quick: bool, targets: tuple[float, ...]) -> None:
+    """Light that is hardly ever found: targets called reached, pixels trusted, and whether the cause is named."""
+    table = Table(title=f"Light that is hardly ever found: {runs} runs, each to its target or {hidden.MOST_SPP} spp")
+    for column in ("scene", "asked", "reached", "wrong", "trusted", "far", "named", "inspect", "means / truth"):
+        table.add_column(column, justify="left" if column == "scene" else "right")
+    for name in scenes:
+        truth, scene = hidden.reference_of(name, 2.0 if quick else 8.0), hidden.loaded(name)
+        is_named = bool(lights_behind(scene, scene.resolved(Settings(), 16)))
+        for target in targets:
+            row = hidden.measure(scene, truth, target, runs)
+            cells = (
+                *(f"{100 * target:g} %", str(row.reached), str(row.wrong), f"{100 * row.trusted:.1f} %"),
+                *(f"{100 * row.far:.1f} %", str(row.named), "yes" if is_named else "no"),
+                f"{row.mean[0]:.2f} … {row.mean[1]:.2f}",
+            )
+            table.add_row(name, *cells)
+            OUT.print(f"[dim]{name}: {cells}", highlight=False)
+    OUT.print(table)
+    OUT.print(
+        "wrong: reached, and the mean of the image more than twice the said error off. far: of trusted pixels, those "
+        "more than three half widths off. named: runs whose health names the light; inspect: whether it does.",
+        highlight=False,
+    )
+
+
+def show_meters(names: list[str], runs: int, quick: bool) -> None:
+    """Readings of meters against the truth."""
+    table = Table(title=f"Meters, stopped at 95 % confidence: {runs} runs per target")
+    for column in ("meter", "asked", "within it", "interval covers", "samples", "truth"):
+        table.add_column(column, justify="left" if column == "meter" else "right")
+    for name in names:
+        for target in METER_TARGETS[:1] if quick else METER_TARGETS:
+            row = meters.measure(name, target, runs)
+            shares = f"{100 * row.below:.1f} %", f"{100 * row.covered:.1f} %"
+            table.add_row(name, f"{100 * target:g} %", *shares, f"{row.spp:.0f}", f"{row.truth:.5g}")
+    OUT.print(table)
+
+
 def main() -> None:
     """Measures and prints."""
     parser = argparse.ArgumentParser(prog="python -m tests.coverage_study", description=__doc__)
-    parser.add_argument("parts", nargs="*", choices=["coverage", "stopping", "adaptive", []], help="all by default")
+    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], help="all by default")
     parser.add_argument(
         "--scenes", nargs="+", help="others than the usual ones; shared/NAME for those beside the checkout"
     )
     parser.add_argument("--runs", type=int, help="independent runs of each cell")
+    parser.add_argument("--targets", nargs="+", type=float, default=hidden.TARGETS, help="errors, for rare light")
     parser.add_argument("--quick", action="store_true", help="smaller banks, fewer runs, a scene or two")
     asked = parser.parse_args()
-    parts = asked.parts or ["coverage", "stopping", "adaptive"]
+    parts = asked.parts or list(PARTS)
     usual = {
         "coverage": (show_coverage, [*gallery_names(), *SHARED, *rare_light.NAMES], 200),
         "stopping": (show_stopping, list(STOPPING), 100),
         "adaptive": (show_adaptive, [*gallery_names(), *SHARED, *MORE_ADAPTIVE], 3),
+        "partial": (show_partial, [*gallery_names(), *PARTIAL], 1),
+        "rare": (partial_of(show_rare, targets=tuple(asked.targets)), RARE, 20),
+        "meters": (show_meters, list(meters.scenes()), 200),
     }
     for part in parts:
         show, scenes, runs = usual[part]
         scenes = asked.scenes or (scenes[:1] if asked.quick else scenes)
-        show(
-            [s for s in scenes if is_there(s)], asked.runs or (max(2, runs // 10) if asked.quick else runs), asked.quick
-        )
+        kept = [s for s in scenes if part in ("rare", "meters") or is_there(s)]
+        show(kept, asked.runs or (max(2, runs // 10) if asked.quick else runs), asked.quick)
 
 
 if __name__ == "__main__":

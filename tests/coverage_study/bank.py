@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 import renderer
 from renderer.settings import Settings
 from tests.coverage_study import rare_light
+from tests.stand_ins import Begins
 
 SHARED = Path(__file__).parents[3] / "shared" / "scenes"
 LANES = 2**18  # of one launch
@@ -45,7 +46,7 @@ class Bank:
         object.__setattr__(self, "variance", self.values.var(axis=0, dtype=np.float64))
 
 
-class BankKernel:
+class BankKernel(Begins):
     """Deals replicates from a bank in place of rendering them."""
 
     def __init__(self, bank: Bank) -> None:

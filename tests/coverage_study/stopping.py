@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from unittest.mock import patch
 
 import numpy as np
-from numpy.typing import NDArray
 
 import renderer
 from renderer import plan, progress
@@ -14,6 +13,7 @@ from renderer.estimate.error import floor_of
 from renderer.estimate.forecast import Forecast
 from renderer.scene.compile import Scene
 from tests.coverage_study.bank import Bank, BankKernel
+from tests.stand_ins import Rendered
 
 FORECAST_FROM, FORECAST_BEFORE = 0.1, 0.5  # of the run
 NEAR = 0.25
@@ -94,20 +94,25 @@ def _rounds(bank: Bank, target: float, settings: renderer.Settings):
     clock = Clock()
     inner = BankKernel(bank)
 
-    class Radiance:
+    class Timed(Rendered):
         """What a pass will have rendered: the clock goes on when somebody waits for it."""
 
-        def __init__(self, values: NDArray, seconds: float) -> None:
-            self.values, self.seconds = values, seconds
+        def __init__(self, pixels, replicates, seed) -> None:
+            super().__init__(inner.launch(pixels, replicates, seed))
+            self.seconds = len(pixels) * size / n
 
-        def __array__(self, dtype=None, copy=None) -> NDArray:
+        def step(self) -> bool:
             clock.now += self.seconds
-            return self.values
+            return True
 
-    class Timed:
-        def launch(self, pixels, replicates, seed):
-            radiance, *others = inner.launch(pixels, replicates, seed)
-            return Radiance(radiance, len(pixels) * size / n), *others
+    class TimedKernel:
+        has_stokes = False
+
+        begin = Timed
+
+        @staticmethod
+        def look(pixels, seed):
+            return Timed(pixels, np.zeros(len(pixels), np.uint32), seed)
 
     with (
         patch.object(progress, "time", clock),
@@ -115,7 +120,7 @@ def _rounds(bank: Bank, target: float, settings: renderer.Settings):
         patch.object(progress, "MAX_SNAPSHOT_SECONDS", 0.0),
         patch.object(plan, "FIRST_SAMPLES", int(FIRST_PASS * n * size)),
         patch.object(plan, "MIN_PASS_SAMPLES", int(LATER_PASS * n * size)),
-        patch.object(Scene, "kernel", lambda self, settings: Timed()),
+        patch.object(Scene, "kernel", lambda self, settings: TimedKernel),
     ):
         goal = renderer.Target(error=target, spp=len(bank.values) * 4 * size)
         yield from renderer.progressive(bank.scene, goal, settings)

@@ -16,7 +16,7 @@ from renderer.scene.compile import load_scene
 from renderer.scene.rewrite import check_memory, passes
 from renderer.scene.rewrite.faces import kept_faces
 
-SETTINGS = renderer.Settings(seed=1)
+SETTINGS = renderer.Settings(seed=1, adaptive=False)
 
 
 def mean_of(source: Any, spp: int = 64, **options: Any) -> float:

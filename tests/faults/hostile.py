@@ -20,6 +20,7 @@ from tests.faults.seeds import (
     png,
     scene,
     serialized,
+    smoky,
     textured,
 )
 
@@ -53,7 +54,8 @@ def _zip(name: str, files: dict[str, bytes], says: str) -> Hostile:
 
 
 def _bomb() -> bytes:
-    return bundle({"scene.xml": scene(SKY), "zeros.obj": b"\0" * (40 * MEBIBYTE)})
+    """One file of more than half of what a bundle may hold, packed a thousand to one."""
+    return bundle({"scene.xml": scene(SKY), "zeros.obj": b"\0" * (260 * MEBIBYTE)})
 
 
 def _lying_size() -> bytes:
@@ -123,8 +125,10 @@ XML = [
     _raw("version from the future", "a.xml", lambda: b'<scene version="99.0.0"></scene>', "sensor|version"),
     _xml("nested 1,000 deep", lambda: _nested(1000), "nested more than 32 deep"),
     _xml("nested 100,000 deep", lambda: _nested(100_000), "nested more than 32 deep"),
-    _xml("300,000 elements", lambda: '<bsdf type="null"/>' * 300_000, "more than 200000 elements"),
-    _xml("attribute of a mebibyte", lambda: f'<shape type="{"a" * MEBIBYTE}"/>', "no plugin"),
+    _xml("300,000 elements", lambda: '<bsdf type="null"/>' * 300_000, "more than 20000 objects"),
+    _xml("300,000 properties", lambda: '<bsdf type="null">' + '<float name="a" value="1"/>' * 300_000 + "</bsdf>", "more than 200000 elements"),
+    _xml("a parameter doubled 40 times", lambda: '<default name="a0" value="aa"/>' + "".join(f'<default name="a{i + 1}" value="$a{i}$a{i}"/>' for i in range(40)), "characters, and the limit is"),
+    _xml("attribute of a mebibyte", lambda: f'<shape type="{"a" * MEBIBYTE}"/>', "the type has 1048576 characters"),
     _xml("unknown plugin", '<shape type="teapot"/>', r"scene\.xml:3: the type 'teapot'"),
     _xml("plugin by path", '<shape type="../../evil"/>', "no plugin"),
     _xml("plugin by absolute path", '<shape type="/tmp/evil"/>', "no plugin"),
@@ -132,6 +136,8 @@ XML = [
     _xml("a mesh for a film", '<sensor type="perspective"><film type="ply"/></sensor>', "'ply' is no film"),
     _xml("plugin by parameter", '<default name="t" value="blender"/><shape type="$t"/>', "another program"),
     _xml("plugin of another kind", '<shape type="diffuse"/>', "diffuse"),
+    _xml("a picture of nothing", '<shape type="cube"><bsdf type="diffuse"><texture type="bitmap" name="reflectance"/></bsdf></shape>', "'bitmap' has no filename"),
+    _xml("a blend by a picture of nothing", '<shape type="cube"><bsdf type="blendbsdf"><texture type="bitmap" name="weight"/><bsdf type="diffuse"/><bsdf type="diffuse"/></bsdf></shape>', "'bitmap' has no filename"),
     _xml("unknown tag", "<shader/>", "shader"),
     _xml("misspelt property", '<shape type="sphere"><float name="radios" value="1"/></shape>', "radios"),
     _xml("a word for a number", '<shape type="sphere"><float name="radius" value="big"/></shape>', r"scene\.xml:3: .*big"),
@@ -170,7 +176,7 @@ REFERENCES = [
     _xml("path: spectrum", '<shape type="cube"><bsdf type="diffuse"><spectrum name="reflectance" filename="/etc/passwd"/></bsdf></shape>', "outside the upload"),
     _xml("path: by parameter", '<default name="d" value=".."/>' + _mesh("obj", "$d/$d/a.obj"), "outside the upload"),
     _xml("path: include by parameter", '<default name="d" value="/etc/passwd"/><include filename="$d"/>', "parameter"),
-    _xml("path: material", '<shape type="cube"><bsdf type="conductor"><string name="material" value="../../../../etc/passwd"/></bsdf></shape>', "outside the upload"),
+    _xml("path: material", '<shape type="cube"><bsdf type="conductor"><string name="material" value="../../../../etc/passwd"/></bsdf></shape>', "is not known; choose one of Mitsuba"),
     _xml("path: search folder by parameter", '<default name="d" value="/proc/self"/><path value="$d"/>' + _spectrum("environ"), "parameter"),
     _xml("path: where the service runs", _mesh("obj", "README.md"), "missing"),
     _xml("path: spectrum where the service runs", _spectrum("README.md"), "missing"),
@@ -182,7 +188,7 @@ REFERENCES = [
     _zip("a folder for a file", {"scene.xml": scene(_mesh("obj", "meshes")), "meshes/a.obj": OBJ}, "is a folder"),
     _zip("include in a ring", {"scene.xml": scene('<include filename="b.xml"/>'), "b.xml": b'<scene version="3.0.0"><include filename="scene.xml"/></scene>'}, "includes itself"),
     _zip("includes 20 deep", {"scene.xml": scene('<include filename="0.xml"/>')} | {f"{i}.xml": f'<scene version="3.0.0"><include filename="{i + 1}.xml"/></scene>'.encode() for i in range(20)}, "more than 8 deep"),
-    _zip("hostile XML beside the scene", {"scene.xml": scene(SKY), "b.xml": b'<scene version="3.0.0"><include filename="/etc/passwd"/></scene>'}, r"b\.xml:1: .*outside the upload"),
+    _zip("hostile XML in an include", {"scene.xml": scene('<include filename="b.xml"/>'), "b.xml": b'<scene version="3.0.0"><include filename="/etc/passwd"/></scene>'}, r"b\.xml:1: .*outside the upload"),
 ]  # fmt: skip
 ZIPS = [
     _raw("zip: garbage", "a.zip", lambda: b"PK\x03\x04garbage", "damaged"),
@@ -226,6 +232,29 @@ FILES = [
     _raw("picture: garbage", "a.zip", lambda: textured("t.png", b"no picture"), "cannot be read as a picture"),
     _raw("picture: cut off", "a.zip", lambda: textured("t.png", png(64, 64)[:60]), "cannot be read|libpng"),
     _raw("volume: lying size", "a.zip", lambda: bundle({"scene.xml": scene('<shape type="sdfgrid"><string name="filename" value="f.vol"/></shape>'), "f.vol": b"VOL\x03" + struct.pack("<5i6f", 1, 20000, 20000, 20000, 1, *[0.0] * 6)}), "damaged volume"),
+    _raw("grid: NaN", "a.zip", lambda: smoky(struct.pack("<8f", *[1.0] * 7, float("nan"))), "value number 7 is nan"),
+    _raw("grid: negative", "a.zip", lambda: smoky(struct.pack("<8f", *[1.0] * 7, -1.0)), "value number 7 is -1"),
+    _raw("grid: infinite", "a.zip", lambda: smoky(struct.pack("<8f", *[1.0] * 7, float("inf"))), "value number 7 is inf"),
+    _raw("grid: cut off", "a.zip", lambda: smoky(struct.pack("<7f", *[1.0] * 7)), "its header promises 2×2×2×1"),
+    _raw("grid: promises 10^28", "a.zip", lambda: smoky(b"", (1 << 30, 1 << 30, 1 << 30, 9)), "damaged volume"),
+    _xml("medium: negative extinction", '<shape type="sphere"><medium name="interior" type="homogeneous"><float name="sigma_t" value="-1"/></medium></shape>', "sigma_t is -1"),
+    _xml("medium: a grid that is even", '<shape type="sphere"><medium name="interior" type="homogeneous"><volume name="sigma_t" type="gridvolume"><string name="filename" value="no.vol"/></volume></medium></shape>', "is missing|heterogeneous"),
+    _xml("meter: without area", '<shape type="rectangle"><transform name="to_world"><scale value="0"/></transform><sensor type="irradiancemeter"/></shape>', "no area"),
+    _xml("meter: on no shape", '<sensor type="irradiancemeter"/>', "belongs to no shape"),
+    _xml("medium: within itself", '<medium type="homogeneous" id="m"><ref id="m"/></medium><shape type="sphere"><ref id="m" name="interior"/></shape>', "."),
+    _xml("medium: 1000 within each other", lambda: "".join('<medium type="homogeneous" name="m">' for _ in range(1000)) + "</medium>" * 1000, "nested more than"),
+]  # fmt: skip
+FILES += [
+    _raw("picture: a reader by its name", "a.zip", lambda: textured("x.null?RES=1x1", b"x"), "cannot be read as a picture"),
+    _raw("picture: such a reader for a PNG", "a.zip", lambda: textured("x.null?RES=1x1", png(4, 4)), "cannot be read as a picture"),
+    _zip("spectrum: no text", {"scene.xml": scene(_spectrum("s.spd")), "s.spd": bytes(range(128, 256))}, r"scene\.xml:3: s\.spd:1: .* is not a wavelength"),
+    _zip("spectrum: of a metal", {"scene.xml": scene('<shape type="cube"><bsdf type="conductor"><string name="material" value="My"/></bsdf></shape>'), "data/ior/My.eta.spd": b"\xff\n", "data/ior/My.k.spd": b"400 1\n700 1\n"}, r"My\.eta\.spd:1: "),
+    _zip("curve: no text", {"scene.xml": scene(_mesh("linearcurve", "c.txt")), "c.txt": bytes(range(128, 256))}, r"scene\.xml:3: c\.txt:1: .* is not x, y, z"),
+    _zip("ellipsoids: promise 4 billion", {"scene.xml": scene(_mesh("ellipsoids", "e.ply")), "e.ply": ply(0, 0).replace(b"vertex 0", b"vertex 4000000000").replace(b"element face 0\nproperty list uchar int vertex_indices\n", b"")}, "its header promises"),
+    _zip("measured: garbage", {"scene.xml": scene('<shape type="cube"><bsdf type="measured"><string name="filename" value="m.bsdf"/></bsdf></shape>'), "m.bsdf": bytes(range(256))}, "damaged tensor file"),
+    _zip("volume: not finite", {"scene.xml": scene(_mesh("sdfgrid", "f.vol")), "f.vol": b"VOL" + struct.pack("<B5i6f8f", 3, 1, 2, 2, 2, 1, *[0.0] * 6, *[float("nan")] * 8)}, "not finite|is nan"),
+    _raw("XML: Windows' encoding", "a.xml", lambda: b'<?xml version="1.0" encoding="windows-1252"?>' + scene('<shape type="cube" id="caf\u00e9"/>').decode().encode("cp1252"), "cannot read the text encoding windows-1252"),
+    _raw("XML: UTF-16 that says UTF-8", "a.xml", lambda: ('<?xml version="1.0" encoding="UTF-8"?>' + scene(SKY).decode()).encode("utf-16"), "encoding"),
 ]  # fmt: skip
 DOCUMENTS = [
     _raw("json: cut off", "a.json", lambda: document()[:-5], r"scene\.json:1: not well-formed JSON"),
@@ -237,6 +266,8 @@ DOCUMENTS = [
     _raw("json: nested 100,000 deep", "a.json", lambda: b'{"type":' * 100_000, "nested too deep|not well-formed"),
     _raw("json: no text", "a.json", lambda: b"\xff\xfe\x00", "JSON"),
     _json("json: null", r"scene\.ball\.radius: None", ball={"type": "sphere", "radius": None}),
+    _json("json: a picture of nothing", r"scene\.ball: 'bitmap' has no filename", ball={"type": "bitmap"}),
+    _json("json: a blend of nothing", r"scene\.ball: 'blendbsdf' has no weight", ball={"type": "blendbsdf"}),
     _json("json: no type", r"scene\.ball: \"type\"", ball={"radius": 1}),
     _json("json: type of a number", r"scene\.ball: \"type\"", ball={"type": 7}),
     _json("json: unknown plugin", r"scene\.ball: the type 'teapot'", ball={"type": "teapot"}),

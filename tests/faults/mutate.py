@@ -8,7 +8,7 @@ import random
 import re
 from collections.abc import Callable
 
-from tests.faults.seeds import OBJ, TRIANGLE, bundle, document, ply, png, scene, serialized
+from tests.faults.seeds import OBJ, PARTS, TRIANGLE, bundle, document, ply, png, scene, serialized
 
 NUMBERS = [
     "nan",
@@ -60,6 +60,16 @@ _RICH = (
 )
 
 
+_FILES = (
+    '<shape type="cube"><bsdf type="diffuse"><spectrum name="reflectance" filename="s.spd"/></bsdf></shape>'
+    '<shape type="sphere"><bsdf type="conductor"><string name="material" value="My"/></bsdf></shape>'
+    '<shape type="linearcurve"><string name="filename" value="c.txt"/></shape>'
+    '<shape type="sdfgrid"><string name="filename" value="v.vol"/></shape>'
+    '<shape type="ply"><string name="filename" value="m.ply"/><bsdf type="diffuse">'
+    '<texture type="bitmap" name="reflectance"><string name="filename" value="t.png"/></texture></bsdf></shape>'
+)
+
+
 def seeds() -> list[Input]:
     """The valid inputs that mutations start from."""
     parts = {"m.ply": ply(3, 1, TRIANGLE), "m.obj": OBJ, "t.png": png(4, 4)}
@@ -74,6 +84,7 @@ def seeds() -> list[Input]:
             document(ball=ball, cube=placed, lamp={"type": "point", "intensity": {"type": "rgb", "value": [1, 2, 3]}}),
         ),
         ("d.zip", bundle({"scene.xml": mesh, "m.serialized": serialized(3, 1, TRIANGLE[:36] + bytes(12))})),
+        ("e.zip", bundle({"scene.xml": scene(_FILES), **PARTS})),
     ]
 
 
@@ -122,9 +133,34 @@ def _in_text(content: bytes, rng: random.Random, canaries: list[str]) -> bytes:
         lambda: _swap(text, r"(<shape.*?</shape>)", r"\1\1\1", rng),
         lambda: _swap(text, "</scene>", f'<include filename="{rng.choice(canaries)}"/></scene>', rng),
         lambda: _swap(text, "</scene>", f'<shape type="obj"><string name="filename" value="{rng.choice(canaries)}"/></shape></scene>', rng),
+        lambda: _swap(text, "</scene>", _asking(rng.choice(canaries), rng), rng),
+        lambda: _swap(text, r'(?<=filename" )value="[^"]*"', f'value="{rng.choice(canaries)}"', rng),
         lambda: _swap(text, "</scene>", f'<path value="{rng.choice(canaries).rpartition("/")[0]}"/></scene>', rng),
     ]  # fmt: skip
     return rng.choice(actions)().encode()
+
+
+def _asking(name: str, rng: random.Random) -> str:
+    """Something that asks for a file by its name."""
+    shape, plain = '<shape type="cube">{}</shape></scene>', f'<string name="filename" value="{name}"/>'
+    return rng.choice(
+        (
+            shape.format(f'<bsdf type="conductor"><string name="material" value="{name}"/></bsdf>'),
+            shape.format(f'<bsdf type="roughconductor"><string name="material" value="{name}"/></bsdf>'),
+            shape.format(f'<bsdf type="diffuse"><spectrum name="reflectance" filename="{name}"/></bsdf>'),
+            shape.format(f'<bsdf type="measured">{plain}</bsdf>'),
+            f'<default name="x" value="{name}"/><shape type="ply"><string name="filename" value="$x"/></shape></scene>',
+            f'<emitter type="envmap">{plain}</emitter></scene>',
+            *(
+                f'<shape type="{kind}">{plain}</shape></scene>'
+                for kind in ("ply", "linearcurve", "sdfgrid", "ellipsoids")
+            ),
+            shape.format(
+                '<bsdf type="diffuse"><texture type="volume" name="reflectance">'
+                f'<volume type="gridvolume" name="volume">{plain}</volume></texture></bsdf>'
+            ),
+        )
+    )
 
 
 def _swap(text: str, pattern: str, by: str, rng: random.Random) -> str:

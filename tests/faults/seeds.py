@@ -51,6 +51,14 @@ def textured(name: str, content: bytes) -> bytes:
     )
 
 
+def smoky(values: bytes, size: tuple[int, int, int, int] = (2, 2, 2, 1)) -> bytes:
+    """A bundle whose scene has a medium of a grid with these float32 values."""
+    grid = '<volume name="sigma_t" type="gridvolume"><string name="filename" value="s.vol"/></volume>'
+    cloud = f'<shape type="cube"><medium name="interior" type="heterogeneous">{grid}</medium></shape>'
+    header = b"VOL\x03" + struct.pack("<5i6f", 1, *size, 0, 0, 0, 1, 1, 1)
+    return bundle({"scene.xml": scene(cloud), "s.vol": header + values})
+
+
 def png(width: int, height: int) -> bytes:
     """A PNG header that promises a size, with hardly anything behind it."""
 
@@ -61,6 +69,18 @@ def png(width: int, height: int) -> bytes:
     return (
         b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0" * 100)) + chunk(b"IEND", b"")
     )
+
+
+def real_png() -> bytes:
+    """A picture of 4×4 that can be read."""
+
+    def chunk(kind: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    rows = b"".join(b"\0" + bytes((40 * y + 10 * x) % 256 for x in range(12)) for y in range(4))
+    head = struct.pack(">IIBBBBB", 4, 4, 8, 2, 0, 0, 0)
+    start = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head)
+    return start + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
 
 def ply(vertices: int, faces: int, body: bytes = b"", encoding: str = "binary_little_endian") -> bytes:
@@ -77,3 +97,16 @@ def serialized(vertices: int, triangles: int, body: bytes = b"") -> bytes:
 
 
 TRIANGLE = struct.pack("<9f", -1, -1, 0, 1, -1, 0, 0, 1, 0) + struct.pack("<B3i", 3, 0, 1, 2)
+
+VOLUME = b"VOL" + struct.pack("<B5i6f8f", 3, 1, 2, 2, 2, 1, 0, 0, 0, 1, 1, 1, *[0.5] * 8)
+# A file of each kind that a scene names.
+PARTS = {
+    "m.ply": ply(3, 1, TRIANGLE),
+    "m.obj": OBJ,
+    "t.png": real_png(),
+    "v.vol": VOLUME,
+    "s.spd": b"400 0.5\n550 0.6\n700 0.4\n",
+    "c.txt": b"".join(b"%d 0 0 .1\n" % i for i in range(5)),
+    "data/ior/My.eta.spd": b"400 1.5\n700 1.4\n",
+    "data/ior/My.k.spd": b"400 0.1\n700 0.2\n",
+}

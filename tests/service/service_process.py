@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -43,6 +44,9 @@ class Server:
     environment: dict[str, str] = field(default_factory=dict)
     port: int = 0
     process: subprocess.Popen[bytes] | None = None
+    log_file: Path | None = None  # None: beside the data folder
+    wrapper: list[str] = field(default_factory=list)  # command that runs the service's
+    folder: Path = ROOT  # in which it is started
 
     @property
     def url(self) -> str:
@@ -50,9 +54,15 @@ class Server:
 
     @property
     def log_path(self) -> Path:
-        return self.data_dir.parent / f"{self.data_dir.name}.log"
+        return self.log_file or self.data_dir.parent / f"{self.data_dir.name}.log"
 
     def start(self, *, wait_until: str = "/readyz", port: int | None = None) -> Server:
+        self.launch(port)
+        wait_for(lambda: self._answers(wait_until), 240, f"{wait_until} of the service")
+        return self
+
+    def launch(self, port: int | None = None) -> subprocess.Popen[bytes]:
+        """Begin to start."""
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = port or free.getsockname()[1]
@@ -63,15 +73,14 @@ class Server:
         environment = os.environ | {"FREDHOLM_LOG_JSON": "1", "PYTHONPATH": str(ROOT)} | self.environment
         with self.log_path.open("ab") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-c", code, str(self.data_dir)],
-                cwd=ROOT,
+                [*self.wrapper, sys.executable, "-c", code, str(self.data_dir)],
+                cwd=self.folder,
                 env=environment,
                 stdout=log,
                 stderr=log,
                 start_new_session=True,
             )
-        wait_for(lambda: self._answers(wait_until), 60, f"{wait_until} of the service")
-        return self
+        return self.process
 
     def _answers(self, path: str) -> bool:
         assert self.process is not None
@@ -85,6 +94,7 @@ class Server:
         assert self.process is not None
         self.process.kill()
         self.process.wait()
+        assert_no_secret_in(self.log_path)
 
     def stop(self) -> float:
         """End the server as Ctrl-C does; seconds that it took."""
@@ -93,7 +103,9 @@ class Server:
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
             self.process.wait(20)
-        return time.perf_counter() - began
+        took = time.perf_counter() - began
+        assert_no_secret_in(self.log_path)
+        return took
 
     def log(self) -> list[dict[str, Any]]:
         """What was logged, line by line."""
@@ -139,6 +151,13 @@ class Server:
 
     def cancel(self, job_id: str) -> httpx.Response:
         return httpx.post(f"{self.url}/api/jobs/{job_id}/cancel", timeout=30)
+
+
+def assert_no_secret_in(log: Path) -> None:
+    """No service of the tests may write a key, in whatever it was interrupted."""
+    told = log.read_text(errors="replace") if log.exists() else ""  # gone with the small disk that it lay on
+    found = re.findall(r"frd_[0-9a-f]{10}_[A-Za-z0-9_-]{20,}", told)
+    assert not found, f"{len(found)} keys in {log}"
 
 
 def wait_for(holds: Callable[[], bool], seconds: float, what: str, told: Callable[[], str] = lambda: "") -> None:

@@ -45,9 +45,20 @@ NEEDED = {
     "GET /api/jobs/{job_id}/frames/latest": 1,
     "GET /api/jobs/{job_id}/pixel": 1,
     "GET /api/jobs/{job_id}/image.exr": 1,
+    "GET /api/jobs/{job_id}/checkpoint.exr": 1,
     "GET /api/jobs/{job_id}/image.png": 1,
+    "POST /api/series": 2,
+    "GET /api/series/{series_id}": 1,
+    "POST /api/series/{series_id}/cancel": 2,
+    "GET /api/series/{series_id}/images.zip": 1,
+    "GET /api/integral": 1,
+    "GET /api/integral/runs": 1,
     "GET /api/learn/{scene}": 1,
     "GET /api/learn/{scene}/incident": 1,
+    "GET /api/learn/{scene}/kernel": 1,
+    "GET /api/learn/{scene}/bounces": 1,
+    "GET /api/learn/{scene}/paths": 1,
+    "GET /api/learn/{scene}/light-points": 1,
     "GET /api/learn/{scene}/samples": 1,
     "GET /api/events": 1,
 }
@@ -96,7 +107,7 @@ def test_every_operation_of_the_api_is_in_the_table(keyed: tuple[Server, dict[st
 @pytest.mark.parametrize("role", ROLES)
 def test_a_role_may_do_what_the_table_says(keyed: tuple[Server, dict[str, str]], operation: str, role: str) -> None:
     method, _, path = operation.partition(" ")
-    path = path.format(name="cornell-box", scene="nothere", scene_id="nothere", job_id="nothere") + (
+    path = path.format(name="cornell-box", scene="nothere", scene_id="nothere", job_id="nothere", series_id="0") + (
         "?x=0&y=0" * path.endswith("pixel")
     )
     body = {"key": "x"} if operation == "POST /api/session" else {"target": {"spp": 1}}

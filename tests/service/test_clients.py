@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from pydantic import SecretStr
 from service_process import ROOT
 
 from service.clients import Caller, ClientError, Keys, RateLimit, Role, read_secret
@@ -30,7 +31,7 @@ def store(database_url: str) -> Iterator[KeyStore]:
 def test_a_key_opens_what_its_role_says_and_is_kept_nowhere(store: KeyStore, tmp_path: Path) -> None:
     keys = Keys(store, tmp_path / "secret")
     record, text = keys.create("alice", "submit")
-    assert keys.caller(text) == Caller("alice", Role.SUBMIT)
+    assert keys.caller(SecretStr(text)) == Caller("alice", Role.SUBMIT)
     secret = text.split("_", 2)[2]
     assert len(secret) == 43
     assert secret not in repr(store.all())
@@ -40,30 +41,30 @@ def test_a_key_opens_what_its_role_says_and_is_kept_nowhere(store: KeyStore, tmp
 
 @pytest.mark.parametrize("wrong", ["", "x", "frd_0000000000_" + "a" * 43, "frd_\n", "ключ"])
 def test_what_is_no_key_opens_nothing(store: KeyStore, tmp_path: Path, wrong: str) -> None:
-    assert Keys(store, tmp_path / "secret").caller(wrong) is None
+    assert Keys(store, tmp_path / "secret").caller(SecretStr(wrong)) is None
 
 
 def test_a_key_with_another_secret_or_of_another_service_opens_nothing(store: KeyStore, tmp_path: Path) -> None:
     keys = Keys(store, tmp_path / "secret")
     _, text = keys.create("alice", "admin")
-    assert keys.caller(text[:-1] + ("a" if text[-1] != "a" else "b")) is None
-    assert Keys(store, tmp_path / "other").caller(text) is None
+    assert keys.caller(SecretStr(text[:-1] + ("a" if text[-1] != "a" else "b"))) is None
+    assert Keys(store, tmp_path / "other").caller(SecretStr(text)) is None
 
 
 def test_a_revoked_key_opens_nothing(store: KeyStore, tmp_path: Path) -> None:
     record, text = Keys(store, tmp_path / "secret").create("alice", "read")
     assert store.revoke(record.id)
     assert not store.revoke(record.id)
-    assert Keys(store, tmp_path / "secret").caller(text) is None
+    assert Keys(store, tmp_path / "secret").caller(SecretStr(text)) is None
 
 
 def test_a_key_that_was_just_looked_up_is_known_without_the_database(store: KeyStore, tmp_path: Path) -> None:
     keys = Keys(store, tmp_path / "secret")
     _, text = keys.create("alice", "read")
-    assert keys.known(text) is None
-    keys.caller(text)
-    assert keys.known(text) == Caller("alice", Role.READ)
-    assert keys.known(text[:-1] + ("a" if text[-1] != "a" else "b")) is None
+    assert keys.known(SecretStr(text)) is None
+    keys.caller(SecretStr(text))
+    assert keys.known(SecretStr(text)) == Caller("alice", Role.READ)
+    assert keys.known(SecretStr(text[:-1] + ("a" if text[-1] != "a" else "b"))) is None
 
 
 def test_a_bad_client_or_role_is_told(store: KeyStore, tmp_path: Path) -> None:
@@ -92,7 +93,7 @@ def test_buckets_do_not_grow_without_end() -> None:
 
 def test_keys_are_made_listed_and_revoked_from_the_command_line(tmp_path: Path) -> None:
     def fredholm(*arguments: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "renderer.cli", "key", *arguments, "--data", str(tmp_path / "data")]
+        command = [sys.executable, "-m", "service.command", "key", *arguments, "--data", str(tmp_path / "data")]
         environment = os.environ | {"PYTHONPATH": str(ROOT)}
         return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60, cwd=ROOT)
 

@@ -132,3 +132,14 @@ def test_a_client_without_a_running_job_need_not_wait_for_a_slot() -> None:
     assert may_start("a", {"a": 1}, slots=2)
     assert not may_start("a", {"a": 2}, slots=2)
     assert may_start("b", {"a": 2}, slots=2)
+
+
+def test_a_job_that_has_had_less_of_the_renderer_goes_first() -> None:
+    slow, quick = Candidate("slow", 1, True, 1, seconds=10.0), Candidate("quick", 2, True, 2, seconds=9.0)
+    assert next_job([slow, quick]) == "quick"
+
+
+def test_a_first_picture_that_does_not_come_waits_like_any_other() -> None:
+    old = Candidate("old", 1, True, 5, seconds=1.0)
+    assert next_job([old, Candidate("new", 2, False, 6, seconds=1.0)]) == "new"
+    assert next_job([old, Candidate("new", 2, False, 6, seconds=1.1 + PREVIEW_CREDIT)]) == "old"

@@ -99,7 +99,7 @@ def test_the_image_starts_the_command_and_its_health_check_tells_health(server: 
     entry, command = (yaml.safe_load(said(name)[-1]) for name in ("ENTRYPOINT", "CMD"))
     assert set(entry) <= set(PROJECT["project"]["scripts"])
     shown = subprocess.run(
-        [sys.executable, "-c", "from renderer.cli import main; main()", *command, "--help"],
+        [sys.executable, "-c", "from service.command.main import main; main()", *command, "--help"],
         capture_output=True,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
     )

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import signal
 import time
+from pathlib import Path
 
 import pytest
 from service_process import is_alive
 
 from renderer.settings import Settings
 from service.engine.local import LocalEngine, Lost
+from service.engine.reserve import Reserve
 from service.engine.worker import kept_scene
 
 
@@ -61,3 +64,24 @@ def test_a_kept_scene_is_that_of_the_colour_asked_for() -> None:
     seen = [kept_scene("furnace", Settings(16, 16, colour=name)) for name in ("spectral", "auto", "rgb", "auto")]
     assert [scene.colour for scene in seen] == ["spectral", "mono", "rgb", "mono"]
     assert seen[1].mitsuba_scene is seen[3].mitsuba_scene
+
+
+def test_a_process_starts_on_full_shared_memory_with_what_was_kept_for_it(tmp_path: Path) -> None:
+    reserve, taken = Reserve(tmp_path), []
+
+    def needs_room() -> int:
+        taken.append(reserve._held is None)
+        if not taken[-1]:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return 7
+
+    assert reserve.spending(needs_room) == 7
+    assert taken == [False, True], "it is given back for the second try alone"
+    assert reserve._held is not None, "and kept again for the next one"
+    assert not list(tmp_path.iterdir()), "without a name: nothing stays where the server is killed"
+    nowhere = Reserve(tmp_path / "none")
+    with pytest.raises(OSError, match="No space"):
+        nowhere.spending(lambda: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left on device")))
+    with pytest.raises(PermissionError):
+        reserve.spending(lambda: (_ for _ in ()).throw(PermissionError()))
+    assert reserve._held is not None

@@ -164,6 +164,32 @@ def test_a_call_that_hangs_is_ended_by_its_deadline(on_engine: Callable[..., Non
     on_engine(scenario)
 
 
+def test_a_call_that_nobody_wants_any_more_is_ended_within_seconds(on_engine: Callable[..., None]) -> None:
+    async def scenario(engine: Engine) -> None:
+        given_up = asyncio.Event()
+        asyncio.get_running_loop().call_later(0.2, given_up.set)
+        began = time.monotonic()
+        with pytest.raises(Lost, match="not wanted any more"):
+            await run_within(engine, 100, time.sleep, 60, given_up=given_up)
+        assert time.monotonic() - began < 50
+        assert await run_within(engine, 100, abs, -1) == 1
+
+    on_engine(scenario)
+
+
+def test_a_slot_whose_call_runs_is_not_idle(on_engine: Callable[..., None]) -> None:
+    async def scenario(engine: Engine) -> None:
+        one, two = (slot.name for slot in engine.slots())
+        for name in (one, two):
+            await engine.fetch(engine.submit(abs, 1, slot=name))
+        busy = engine.submit(time.sleep, 30, slot=one)
+        await asyncio.sleep(0.1)
+        assert engine.submit(abs, -1).slot == two
+        await engine.cancel(busy, hard=True)
+
+    on_engine(scenario)
+
+
 def test_nothing_is_left_when_an_engine_is_closed() -> None:
     async def scenario() -> list[int]:
         async with started(ENGINES[0]) as engine:

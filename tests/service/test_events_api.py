@@ -34,6 +34,29 @@ def test_a_stream_says_hello_then_tells_transitions_and_progress(server: Server)
     assert progress.data["state"] == "running"
 
 
+def places_in(event: Received) -> dict[str, int]:
+    return {place["id"]: place["position"] for place in event.data["places"]}
+
+
+def test_places_in_the_queue_are_told_together_and_change_together(own_server: Server) -> None:
+    own_server.environment["FREDHOLM_MAX_RUNNING_JOBS"] = "1"
+    own_server.start(wait_until="/healthz")
+    with EventStream(own_server.url) as stream:
+        first, *ids = [own_server.submit(LONG)["id"] for _ in range(5)]
+        own_server.wait(first, lambda job: job["state"] == "running")
+        before = {job_id: place for place, job_id in enumerate(ids, start=1)}
+        stream.wait(lambda events: any(e.kind == "queue" and places_in(e) == before for e in events))
+        own_server.cancel(ids[1])
+        after = {ids[0]: 1, ids[2]: 2, ids[3]: 3}
+        events = stream.wait(lambda events: any(e.kind == "queue" and places_in(e) == after for e in events))
+    for event in events:
+        if event.kind == "queue":
+            assert sorted(places_in(event).values()) == list(range(1, len(event.data["places"]) + 1))
+    with EventStream(own_server.url) as stream:
+        told = stream.wait(lambda events: any(e.kind == "queue" for e in events))[1]
+        assert places_in(told) == after, "a new stream begins with the queue as it is"
+
+
 def test_what_was_missed_is_replayed_then_running_jobs_are_told(server: Server) -> None:
     with EventStream(server.url) as stream:
         before = stream.events[0].data["last_event_id"]
@@ -71,7 +94,8 @@ def test_others_are_told_of_a_deleted_job(server: Server, client: httpx.Client) 
     with EventStream(server.url) as stream:
         before = stream.events[0].data["last_event_id"]
         assert client.delete(f"/api/jobs/{job_id}").status_code == 204
-        deleted = stream.wait(lambda events: any(e.kind == "deleted" for e in events))[-1]
+        told = stream.wait(lambda events: any(e.kind == "deleted" for e in events))
+        deleted = next(event for event in told if event.kind == "deleted")  # places in the queue may be told after it
         assert deleted.data == {"id": job_id}
         assert int(deleted.id or -1) > before
     with EventStream(server.url, last_event_id=before) as stream:

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from service.display import Display, read_display, write_display
-from service.frames import MAGIC, FrameCache, choose_encoding, compress, decode_frame, encode_frame, scale_for
+from service.frames import MAGIC, FrameCache, choose_encoding, compress, encode_frame, scale_for
+from tests.files import decode_frame
 
 HALF_PRECISION = 2.0**-11
 

@@ -14,6 +14,8 @@ import pytest
 from event_stream import EventStream
 from service_process import PLAIN_SCENE, Server
 
+from service.protocol import LEAST_RATE
+
 BOX: dict[str, Any] = {"scene": {"gallery": "cornell-box"}, "target": {"spp": 4}}
 
 
@@ -88,9 +90,10 @@ def test_nobody_is_waited_for_for_ever(own_server: Server) -> None:
     assert until_closed(again)[1].startswith(b"HTTP/1.1 200")
     assert until_closed(unending)[0] < 5
 
-    # A stream that says nothing for longer than that stays open, and so does an upload that goes on.
+    # A stream that says nothing for longer than that stays open, and so does an upload that goes on, faster than the
+    # least rate of a body.
     with EventStream(own_server.url) as stream:
-        part = PLAIN_SCENE.encode()
+        part = PLAIN_SCENE.encode() + b"<!--" + b" " * 4 * round(LEAST_RATE) + b"-->"
         head = b'--x\r\nContent-Disposition: form-data; name="file"; filename="a.xml"\r\n\r\n'
         body = head + part + b"\r\n--x--\r\n"
         slow = connected()

@@ -7,6 +7,7 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
+from service.dispatch import Waiting
 from service.hub import Hub, Subscription
 from service.messages import ProgressMessage
 from service.news import Told, event_text
@@ -92,6 +93,33 @@ def test_all_streams_send_the_same_bytes(tmp_path: Path) -> None:
     assert first is not None
     assert b'"spp":4.0' in first
     assert all(part is first for part in others)
+
+
+def test_of_the_queue_the_latest_is_told_after_the_transitions_and_each_hears_of_its_own(tmp_path: Path) -> None:
+    queue = [Waiting("a", 1, False, "alice"), Waiting("b", 2, False, "bob"), Waiting("c", 3, False, "alice")]
+
+    async def listen() -> list[bytes | None]:
+        store = JobStore(Database(f"sqlite:///{tmp_path}/hub.sqlite"))
+        store.queue = lambda: queue  # type: ignore[method-assign]
+        hub = Hub(store, queue_seconds=0.01)
+        streams = [hub.subscribe(), hub.subscribe("alice", "alice")]
+        hub.queue_has_changed()
+        queue.pop(0)
+        hub.queue_has_changed()
+        for stream in streams:
+            stream.tell_transition(told("x", 1))
+        await asyncio.sleep(0.1)
+        return [await anext(stream.news(1.0)) for stream in streams]
+
+    all_, alices = asyncio.run(listen())
+    assert all_ is not None
+    assert alices is not None
+    assert all_.startswith(told("x", 1).text)
+    assert all_.count(b"event: queue") == 1
+    assert b'{"places":[{"id":"b","position":1,' in all_
+    assert b'{"id":"c","position":2,' in all_
+    # A place counts all that wait before one; whose they are is not told.
+    assert b'{"places":[{"id":"c","position":2,' in alices
 
 
 def test_a_stream_that_does_not_keep_up_is_ended() -> None:

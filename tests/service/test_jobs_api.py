@@ -11,7 +11,7 @@ import httpx
 import pytest
 from service_process import LONG, SMALL, Server, wait_for
 
-from service.frames import decode_frame
+from tests.files import decode_frame
 
 
 def test_the_gallery_lists_scenes_with_thumbnails(client: httpx.Client) -> None:
@@ -95,7 +95,9 @@ def test_a_pixel_is_read_with_its_error_bars(client: httpx.Client, finished: dic
     assert pixel["standard_error"][3] == pytest.approx(planes[40, 20, 3], rel=1e-3)
     low, high = pixel["interval"]
     assert low < pixel["luminance"] < high
-    assert pixel["samples"] == pixel["replicates"] * 16 >= 64  # adaptive: not every pixel has the mean of 128
+    assert (
+        pixel["samples"] == pixel["replicates"] * finished["replicate_size"] >= 64
+    )  # adaptive: not every pixel has the mean of 128
     assert (high - low) / 2 > 1.96 * pixel["standard_error"][3]  # Student t, not normal
 
 
@@ -110,6 +112,25 @@ def test_the_exr_opens_in_openimageio(client: httpx.Client, finished: dict[str, 
     assert {"R", "G", "B", "stderr.Y", "count"} <= set(image.spec().channelnames)
     pixel = client.get(f"/api/jobs/{finished['id']}/pixel", params={"x": 20, "y": 40}).json()
     assert list(image.getpixel(20, 40))[:3] == pytest.approx(pixel["value"], rel=1e-5)
+
+
+def test_the_exr_is_small_and_the_checkpoint_is_asked_for_by_name(
+    client: httpx.Client, finished: dict[str, Any], tmp_path: Path
+) -> None:
+    from renderer import Estimate
+    from renderer.errors import CheckpointError
+
+    files = {name: tmp_path / name for name in ("image.exr", "checkpoint.exr", "half.exr")}
+    for name, path in files.items():
+        asked = "image.exr?half=1" if name == "half.exr" else name
+        answer = client.get(f"/api/jobs/{finished['id']}/{asked}")
+        assert answer.status_code == 200
+        path.write_bytes(answer.content)
+    whole, small, smaller = (files[name].stat().st_size for name in ("checkpoint.exr", "image.exr", "half.exr"))
+    assert whole > 3 * small > 3 * smaller
+    assert Estimate.read(files["checkpoint.exr"]).samples == finished["samples"]
+    with pytest.raises(CheckpointError, match="is a picture, without the moments"):
+        Estimate.read(files["image.exr"])
 
 
 def test_the_png_is_a_picture_and_exposure_brightens_it(
@@ -175,6 +196,48 @@ def test_the_list_of_jobs_is_filtered_by_state_and_goes_on_where_it_ended(
         assert told in refused.text
 
 
+def test_the_png_is_mapped_as_it_is_shown(client: httpx.Client, finished: dict[str, Any]) -> None:
+    address = f"/api/jobs/{finished['id']}/image.png"
+    bodies = [client.get(address, params={"tone": tone}) for tone in ("srgb", "filmic", "reinhard")]
+    assert len({body.content for body in bodies}) == len({body.headers["etag"] for body in bodies}) == 3
+    assert client.get(address).content == bodies[0].content
+    assert client.get(address, params={"tone": "loud"}).status_code == 422
+
+
+def test_a_list_says_how_many_jobs_there_are_beyond_it(
+    server: Server, client: httpx.Client, finished: dict[str, Any]
+) -> None:
+    whole = client.get("/api/jobs", params={"limit": 1000}).json()
+    assert whole["total"] == len(whole["jobs"]) >= 1
+    assert client.get("/api/jobs", params={"limit": 1}).json()["total"] == whole["total"]
+    ended = [job for job in whole["jobs"] if job["state"] == "succeeded"]
+    assert client.get("/api/jobs", params={"limit": 1, "state": "succeeded"}).json()["total"] == len(ended)
+
+
+def test_what_a_job_tells_of_its_settings_and_target_can_be_asked_for_again(
+    server: Server, client: httpx.Client
+) -> None:
+    target = {"spp": 16, "error": 0.5, "confidence": 0.99, "share": 0.9, "region": [0, 0, 4, 4]}
+    settings = {"width": 8, "height": 8, "channels": ["albedo", "depth"], "colour": "rgb", "adaptive": False}
+    told = server.wait_ended(server.submit(target, settings)["id"])
+    asked = {"scene": {"gallery": told["scene"]["gallery"]}, "target": told["target"], "settings": told["settings"]}
+    again = client.post("/api/jobs", json=asked)
+    assert again.status_code == 201, again.text
+    assert again.json()["settings"] == told["settings"]
+    assert again.json()["target"] == told["target"]
+    server.wait_ended(again.json()["id"])
+
+
+def test_the_curve_tells_the_bound_that_decides(server: Server) -> None:
+    job = server.wait_ended(server.submit({"spp": 256}, {"width": 16, "height": 16})["id"])
+    curve = server.job(job["id"])["curve"]
+    assert curve
+    known = [point for point in curve if point["upper"] is not None]
+    assert known
+    assert all(point["upper"] >= point["error"] for point in known)
+    assert known[-1]["upper"] == job["error_upper"]
+
+
 def test_jobs_are_listed_newest_first_without_curves(server: Server, client: httpx.Client) -> None:
     ids = [server.wait_ended(server.submit({"spp": 4})["id"])["id"] for _ in range(2)]
     listed = client.get("/api/jobs", params={"limit": 2}).json()["jobs"]
@@ -207,6 +270,10 @@ def test_an_error_target_is_reached_and_said(server: Server) -> None:
         (
             {"scene": {"gallery": "cornell-box"}, "target": {"spp": 4}, "settings": {"technique": "magic"}},
             "settings.technique",
+        ),
+        (
+            {"scene": {"gallery": "cornell-box"}, "target": {"spp": 4}, "settings": {"guide": "maybe"}},
+            "settings.guide",
         ),
         (
             {"scene": {"gallery": "cornell-box"}, "target": {"spp": 4}, "settings": {"width": 16384}},

@@ -49,12 +49,12 @@ def test_a_finished_job_goes_on_to_a_tighter_target_and_renders_nothing_twice(
 ) -> None:
     done = server.wait_ended(server.submit({"spp": 64})["id"])
     assert done["spp"] == 64
-    queued = step(client, done["id"], "continue", target={"spp": 160})
+    queued = step(client, done["id"], "continue", target={"spp": 96})
     assert queued.status_code == 200, queued.text
-    assert queued.json()["target"]["spp"] == 160
+    assert queued.json()["target"]["spp"] == 96
     ended = server.wait_ended(done["id"])
-    assert (ended["state"], ended["stopped_by"], ended["spp"]) == ("succeeded", "spp", 160)
-    straight = server.wait_ended(server.submit({"spp": 160})["id"])
+    assert (ended["state"], ended["stopped_by"], ended["spp"]) == ("succeeded", "spp", 96)
+    straight = server.wait_ended(server.submit({"spp": 96})["id"])
     frames = [client.get(f"/api/jobs/{job['id']}/frames/latest").content for job in (ended, straight)]
     planes = [frame[8 + int.from_bytes(frame[4:8], "little") :] for frame in frames]
     assert planes[0] == planes[1]
@@ -146,10 +146,11 @@ def test_the_reference_names_every_operation_and_needs_no_other_site(client: htt
     assert "https://" not in text
 
 
-def test_a_job_whose_picture_is_gone_says_that_it_has_none(server: Server, client: httpx.Client) -> None:
+def test_a_job_whose_picture_is_gone_says_what_was_lost(server: Server, client: httpx.Client) -> None:
     job = server.wait_ended(server.submit({"spp": 4})["id"])
     for path in (server.data_dir / "estimates" / job["id"]).iterdir():
         path.unlink()
     for picture in ("image.png", "image.exr", "frames/latest", "pixel?x=1&y=1"):
         answer = client.get(f"/api/jobs/{job['id']}/{picture}")
-        assert (answer.status_code, answer.json()["title"]) == (404, "No such picture")
+        assert (answer.status_code, answer.json()["title"]) == (410, "The saved picture is damaged")
+        assert "its file is missing" in answer.json()["detail"]

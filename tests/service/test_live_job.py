@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from service.engine.turn import Saved, TurnResult
+from service.engine.turn import TurnResult
 from service.live import LiveJob
 from service.states import State
-from service.store import JobRecord, Progress
+from service.store import JobRecord, Kept, Progress
 from service.store.records import now
 
 RECORD = JobRecord(
@@ -22,25 +22,25 @@ def turn(spp: int, saved: int | None = None) -> TurnResult:
         return Progress(error=1 / spp, spp=spp, samples=16 * spp, seconds=spp / 10, frame_seq=spp)
 
     curve = tuple({"seconds": n / 10, "spp": float(n), "error": 1 / n} for n in (spp - 1, spp))
-    return TurnResult(progress(spp), curve, None if saved is None else Saved(f"id/{saved}.exr", progress(saved)))
+    return TurnResult(progress(spp), curve, None if saved is None else Kept(f"id/{saved}.exr", None, progress(saved)))
 
 
 def test_numbers_of_a_job_that_leaves_are_those_of_the_picture_that_stays() -> None:
-    live = LiveJob.of(RECORD, Path("display"), "cornell-box")
+    live = LiveJob.of(RECORD, Path("display"))
     live.absorb(turn(4))
-    assert live.kept() == Progress(), "no picture is on disk yet"
+    assert live.lasting() == Progress(), "no picture is on disk yet"
     live.absorb(turn(8, saved=4))
-    kept = live.kept()
+    kept = live.lasting()
     assert (live.checkpoint, kept.spp, kept.error) == ("id/4.exr", 4, 0.25)
     assert kept.frame_seq > live.progress.frame_seq, "news to those who saw the newer one"
     live.absorb(turn(12, saved=12))
-    assert live.kept() == live.progress
-    later = LiveJob.of(replace(RECORD, progress=live.progress, checkpoint=live.checkpoint), Path("display"), "x")
-    assert later.kept() == live.progress
+    assert live.lasting() == live.progress
+    later = LiveJob.of(replace(RECORD, progress=live.progress, checkpoint=live.checkpoint), Path("display"))
+    assert later.lasting() == live.progress
 
 
 def test_a_curve_goes_forward_also_where_a_crash_threw_the_job_back() -> None:
-    live = LiveJob.of(RECORD, Path("display"), "cornell-box")
+    live = LiveJob.of(RECORD, Path("display"))
     for spp in (4, 8, 12):
         live.absorb(turn(spp))
     live.absorb(turn(6))

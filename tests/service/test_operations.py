@@ -17,6 +17,8 @@ from sqlalchemy import update
 
 from service.housekeeping import Housekeeping
 from service.metrics import Metrics
+from service.quarantine import Quarantine
+from service.room import Disk
 from service.settings import ServiceSettings
 from service.states import Step
 from service.store import Database, JobNotFound, JobStore, NewJob, SceneRecord, SceneStore
@@ -94,7 +96,7 @@ class Deleter:
         self.deleted.append(job_id)
 
 
-def test_old_jobs_and_events_are_forgotten(database_url: str) -> None:
+def test_old_jobs_and_events_are_forgotten(database_url: str, tmp_path: Path) -> None:
     database = Database(database_url)
     database.create_tables()
     store = JobStore(database)
@@ -109,8 +111,10 @@ def test_old_jobs_and_events_are_forgotten(database_url: str) -> None:
         connection.execute(update(jobs).where(jobs.c.id == ids[0]).values(finished_at=old))
         connection.execute(update(events).where(events.c.job_id == ids[2]).values(at=old))
     deleter = Deleter(store)
-    settings = ServiceSettings(keep_jobs_days=30)
-    keeper = Housekeeping(settings, store, Uploads(settings, SceneStore(database)), cast(Any, deleter), Metrics())
+    settings = ServiceSettings(data_dir=tmp_path, keep_jobs_days=30)
+    quarantine = Quarantine(settings.quarantine_dir)
+    uploads = Uploads(settings, SceneStore(database), quarantine, Disk(tmp_path, 0))
+    keeper = Housekeeping(settings, store, uploads, cast(Any, deleter), Metrics(), quarantine)
     asyncio.run(keeper.forget_old())
     assert deleter.deleted == [ids[0]]
     with pytest.raises(JobNotFound):
@@ -132,8 +136,9 @@ def test_old_scenes_are_forgotten_unless_used_since(database_url: str, tmp_path:
         folder.mkdir(parents=True)
         os.utime(folder, (0, time.time() if name == "again" else 1e9))
     JobStore(database).add(replace(NEW, scene_kind="upload", scene_ref="needed"))
-    uploads = Uploads(settings, store)
-    keeper = Housekeeping(settings, JobStore(database), uploads, cast(Any, None), Metrics())
+    quarantine = Quarantine(settings.quarantine_dir)
+    uploads = Uploads(settings, store, quarantine, Disk(tmp_path, 0))
+    keeper = Housekeeping(settings, JobStore(database), uploads, cast(Any, None), Metrics(), quarantine)
     asyncio.run(keeper.forget_old())
     assert store.ids() == {"needed", "again"}
     assert sorted(folder.name for folder in settings.scenes_dir.iterdir()) == ["again", "needed"]

@@ -12,17 +12,21 @@ from typing import Any
 from sqlalchemy.exc import OperationalError
 from test_store import NEW
 
+from service.accountant import Accountant, Need
+from service.admission import Admission
 from service.engine import worker
 from service.engine.interface import Handle, Slot
-from service.engine.turn import Saved, Turn, TurnResult
+from service.engine.turn import Turn, TurnResult
 from service.estimates import EstimateFiles
 from service.hub import Hub
 from service.lease import Lease
 from service.metrics import Metrics
+from service.quarantine import Quarantine
+from service.room import Disk
 from service.runner import Runner
 from service.settings import ServiceSettings
 from service.states import State
-from service.store import Database, JobStore, Progress
+from service.store import Database, JobRecord, JobStore, Kept, Progress
 
 _ENDS_AFTER = 3
 SETTINGS = {"width": 4, "height": 4, "seed": 1, "max_depth": None, "technique": "mis"}
@@ -45,10 +49,10 @@ class Rendering:
         handle, result = Handle(len(self._values), "fake"), TurnResult()
         if call is worker.advance:
             self.turns.append(turn := args[0])
-            progress = Progress(samples=len(self.turns), frame_seq=turn.next_seq)
+            progress = Progress(samples=len(self.turns), frame_seq=turn.next_seq, replicate_size=4)
             stopped_by = "spp" if len(self.turns) == _ENDS_AFTER else None
             result = TurnResult(
-                progress, saved=Saved(f"{turn.job_id}/{turn.next_seq}.exr", progress), stopped_by=stopped_by
+                progress, saved=Kept(f"{turn.job_id}/{turn.next_seq}.exr", None, progress), stopped_by=stopped_by
             )
         self._values[handle] = result
         return handle
@@ -76,7 +80,7 @@ def run(
     jobs, engine, metrics = JobStore(database), Rendering(), Metrics()
     job_id = jobs.add(replace(NEW, settings=SETTINGS))[0].id
     setattr(jobs, "save", watch(engine, jobs, metrics))  # noqa: B010 - a method of this one store alone
-    files = EstimateFiles(folder / "estimates")
+    files = EstimateFiles(folder / "estimates", Quarantine(folder / "quarantine"))
     files.prepare()
 
     async def until_ended() -> None:
@@ -84,7 +88,14 @@ def run(
         await hub.start()
         settings = ServiceSettings(data_dir=folder, warm_up=False)
         lease = Lease(jobs, "here", "test", 60.0)
-        runner = Runner(settings, jobs, engine, hub, files, lease, metrics, lambda job: job.scene_ref)
+        disk = Disk(folder, 0)
+        admission = Admission(jobs, disk, Accountant(settings), 16, lambda job: Need.of(job.settings, job.scene_ref, 0))
+
+        async def path_of(job: JobRecord) -> str:
+            return job.scene_ref
+
+        parts = (settings, jobs, engine, hub, files, lease, metrics)
+        runner = Runner(*parts, path_of, disk, admission)
         await runner.start()
         try:
             while jobs.get(job_id).state is not State.SUCCEEDED:
@@ -128,3 +139,22 @@ def test_an_estimate_that_cannot_be_recorded_stops_no_turn(tmp_path: Path) -> No
     jobs, job_id, metrics = run(tmp_path, watch)
     assert jobs.get(job_id).progress.samples == _ENDS_AFTER
     assert metrics.registry.get_sample_value("fredholm_errors_total", {"where": "turn"}) == _ENDS_AFTER - 1
+
+
+def test_a_job_that_begins_anew_keeps_the_replicate_size_that_its_first_turn_resolved(tmp_path: Path) -> None:
+    turns: list[Turn] = []
+
+    def watch(engine: Rendering, jobs: JobStore, _metrics: Metrics) -> Callable[..., Any]:
+        turns_of, save = engine.turns, jobs.save
+
+        def noting(*args: Any) -> bool:
+            turns[:] = turns_of
+            return save(*args)
+
+        return noting
+
+    jobs, job_id, _ = run(tmp_path, watch)
+    assert "replicate_size" not in turns[0].settings
+    assert [turn.settings["replicate_size"] for turn in turns[1:]] == [4] * (len(turns) - 1)
+    assert len(turns) > 1
+    assert jobs.get(job_id).progress.replicate_size == 4

@@ -9,14 +9,16 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
-from sqlalchemy import select, update
+from sqlalchemy import delete, select, update
 
 from service.states import IllegalStep, State, Step
 from service.store import (
     Database,
     DatabaseError,
+    DatabaseReplaced,
     JobNotFound,
     JobRecord,
     JobStore,
@@ -30,7 +32,8 @@ from service.store import (
     StillRunning,
     Superseded,
 )
-from service.store.schema import events
+from service.store.belonging import DatabaseFacts, FolderFacts, bind, mismatch
+from service.store.schema import data_folder, events
 from service.store.schema import jobs as table
 
 NEW = NewJob("Box", "gallery", "cornell-box", "Box", {"error": None, "seconds": 1.0, "spp": None}, {"width": 4})
@@ -385,11 +388,41 @@ def test_old_events_are_forgotten_but_never_the_newest(jobs: JobStore) -> None:
     assert jobs.first_event_id() == jobs.last_event_id() > 0
 
 
-def test_a_database_belongs_to_one_data_folder(database: Database) -> None:
-    database.belong_to("a")
-    database.belong_to("a")
-    with pytest.raises(DatabaseError, match="another data folder"):
-        database.belong_to("b")
+def facts(database: Database, folder: Path, noted: str | None, is_used: bool) -> tuple[FolderFacts, DatabaseFacts]:
+    return FolderFacts(folder, "a", noted, is_used), database.facts() or DatabaseFacts()
+
+
+def test_a_database_belongs_to_one_data_folder_and_a_folder_to_one_database(database: Database, tmp_path: Path) -> None:
+    # An empty one takes a folder that holds nothing, and none that holds something.
+    assert mismatch(*facts(database, tmp_path, None, False)) is None
+    assert "another database" in (mismatch(*facts(database, tmp_path, None, True)) or "")
+    assert "another database" in (mismatch(*facts(database, tmp_path, "1", False)) or "")
+    for identity, wrong in (("a", None), ("b", "another data folder")):
+        with database.write() as connection:
+            connection.execute(delete(data_folder))
+            bind(connection, identity, "1")
+        for noted in ("1", None):
+            assert wrong in (mismatch(*facts(database, tmp_path, noted, True)) or "") if wrong else True
+            assert (mismatch(*facts(database, tmp_path, noted, True)) is None) == (wrong is None)
+        assert mismatch(*facts(database, tmp_path, "2", True)) is not None
+    with database.write() as connection:
+        connection.execute(update(data_folder).values(identity="a", database_id=None))
+    assert mismatch(*facts(database, tmp_path, "1", True)) is None, "a copy from before databases had names"
+
+
+def test_a_database_that_becomes_another_one_takes_nothing_more(database: Database, jobs: JobStore) -> None:
+    with database.write() as connection:
+        bind(connection, "a", "1")
+    database.pin("1")
+    jobs.add(NEW)
+    other = Database(database.engine.url.render_as_string(hide_password=False))
+    with other.write() as connection:
+        connection.execute(update(data_folder).values(database_id="2"))
+    other.close()
+    with pytest.raises(DatabaseReplaced):
+        jobs.add(NEW)
+    with pytest.raises(DatabaseReplaced):
+        jobs.newest(1)
 
 
 @pytest.mark.parametrize(

@@ -24,15 +24,15 @@ class Sabotage(importlib.abc.MetaPathFinder):
         execute = spec.loader.exec_module
         def execute_and_sabotage(module):
             execute(module)
-            launch, heuristic, seeds = module.PathKernel.launch, module.power_heuristic, []
+            begin, heuristic, seeds = module.PathKernel.begin, module.power_heuristic, []
             def noted(self, pixels, replicates, seed):
                 seeds[:] = [seed]
-                return launch(self, pixels, replicates, seed)
+                return begin(self, pixels, replicates, seed)
             def raising(*args):
                 if seeds == [{BAD_SEED}]:
                     raise RuntimeError("/secret/path")
                 return heuristic(*args)
-            module.PathKernel.launch, module.power_heuristic = noted, raising
+            module.PathKernel.begin, module.power_heuristic = noted, raising
         spec.loader.exec_module = execute_and_sabotage
         return spec
 

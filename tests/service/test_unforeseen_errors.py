@@ -53,6 +53,30 @@ def test_a_mistake_is_answered_like_anything_else(path: str, status: int, metric
     assert ("Retry-After" in answer.headers) == (status == 503)
 
 
+def test_what_the_end_of_the_service_cuts_is_told_to_come_again(metrics: Metrics) -> None:
+    app = FastAPI()
+    app.state.service = SimpleNamespace(metrics=metrics)
+    protect(app, ServiceSettings(api_keys="on"))
+    begun = asyncio.Event()
+
+    @app.get("/api/long")
+    async def long() -> None:
+        begun.set()
+        await asyncio.Event().wait()
+
+    async def ask() -> httpx.Response:
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://localhost") as client:
+            asking = asyncio.create_task(client.get("/api/long"))
+            await begun.wait()
+            asking.cancel()  # as uvicorn does when its patience ends
+            return await asking
+
+    answer = asyncio.run(ask())
+    assert (answer.status_code, answer.json()["title"]) == (503, "The service is stopping")
+    assert answer.headers["Retry-After"] == "5"
+    assert answer.headers["X-Request-ID"]
+
+
 def test_an_address_cannot_write_lines_into_the_log() -> None:
     scope = {"path": "/a\n\x1b[2Jall is well", "raw_path": b"/a%0a%1b[2Jall\x9b"}
     assert shown_path(scope) == "/a%0a%1b[2Jall\\x9b"

@@ -54,6 +54,19 @@ def test_an_xml_scene_is_taken_and_rendered(server: Server, client: httpx.Client
     assert job["scene"] == {"gallery": None, "id": scene["id"], "name": "ball <1>"}
 
 
+def test_polarised_light_is_rendered_with_its_stokes_vectors(server: Server, client: httpx.Client) -> None:
+    asks = '<integrator type="stokes"><integrator type="path"/></integrator><sensor'
+    scene = upload(client, "polarised.xml", PLAIN_SCENE.replace("<sensor", asks, 1)).json()
+    assert scene["requirements"]["polarised_by"] == "stokes"
+    assert "polarisation" in scene["requirements"]["features"]
+    job = server.wait_ended(server.submit({"spp": 32}, {"seed": 3}, id=scene["id"])["id"])
+    assert (job["state"], job["settings"]["channels"]) == ("succeeded", ["stokes"])
+    assert client.get(f"/api/jobs/{job['id']}/image.png").status_code == 200
+    picture = client.get(f"/api/jobs/{job['id']}/image.exr").content
+    for name in (b"S0.R", b"S3.B", b"stderr.S1.G"):
+        assert name in picture
+
+
 def test_a_scene_says_what_it_requires_when_it_is_uploaded_and_after(client: httpx.Client) -> None:
     scene = upload(client, "a.xml", PLAIN_SCENE.replace("0.4", "0.35")).json()
     found = scene["requirements"]
@@ -200,19 +213,30 @@ def test_a_hostile_zip_is_refused(client: httpx.Client) -> None:
     assert "more than 20 files" in refusal(upload(client, "a.zip", many))
 
 
-def test_a_scene_during_which_the_process_dies_is_refused_and_the_next_is_not(
-    server: Server, client: httpx.Client
-) -> None:
+def uploaded_while(server: Server, client: httpx.Client, radiance: str, *signals: signal.Signals) -> httpx.Response:
+    """The answer to an upload during whose check its process gets signals."""
     upload(client, "a.xml", PLAIN_SCENE.replace("0.4", "0.2"))
     pid = server.render_pids(engine="inspect")[-1]
     os.kill(pid, signal.SIGSTOP)
     with ThreadPoolExecutor() as threads:
-        answer = threads.submit(upload, client, "a.xml", PLAIN_SCENE.replace("0.4", "0.21"))
+        answer = threads.submit(upload, client, "a.xml", PLAIN_SCENE.replace("0.4", radiance))
         time.sleep(0.5)
-        os.kill(pid, signal.SIGKILL)
-        detail = refusal(answer.result())
-    assert "the render process died" in detail
+        for one in signals:
+            os.kill(pid, one)
+        return answer.result()
+
+
+def test_a_scene_during_which_the_process_dies_is_refused_and_the_next_is_not(
+    server: Server, client: httpx.Client
+) -> None:
+    answer = uploaded_while(server, client, "0.21", signal.SIGSEGV, signal.SIGCONT)
+    assert "the render process died" in refusal(answer)
     assert upload(client, "a.xml", PLAIN_SCENE.replace("0.4", "0.22")).status_code == 201
+
+
+def test_a_scene_whose_process_is_killed_from_outside_is_checked_again(server: Server, client: httpx.Client) -> None:
+    answer = uploaded_while(server, client, "0.23", signal.SIGKILL)
+    assert answer.status_code == 201, answer.text
 
 
 def test_an_upload_over_the_limit_is_told_the_limit(client: httpx.Client) -> None:
@@ -237,7 +261,7 @@ def test_an_upload_over_the_limit_without_a_length_is_cut_off(client: httpx.Clie
 
 
 def test_an_upload_without_a_file_is_told(client: httpx.Client) -> None:
-    answer = client.post("/api/scenes", data={"other": "1"})
+    answer = client.post("/api/scenes", files={"other": ("a.xml", PLAIN_SCENE)})
     assert answer.status_code == 422
     assert answer.json()["errors"][0]["field"] == "file"
 
@@ -253,7 +277,58 @@ def test_few_uploads_are_unpacked_at_once(server: Server) -> None:
     with ThreadPoolExecutor(8) as pool:
         answers = [pool.submit(one, i) for i in range(8)]
         while not all(answer.done() for answer in answers):
-            seen.append(len(list((server.data_dir / "scenes").glob(".upload-*"))))
+            seen.append(len(list((server.data_dir / "inspection").glob("*/incoming/.upload-*"))))
             time.sleep(0.005)
     assert {answer.result() for answer in answers} <= {200, 201}
-    assert 1 <= max(seen) <= 2
+    assert max(seen) == 1
+
+
+THREE_SENSORS = """<scene version="3.0.0"><sensor type="perspective" id="front"><film type="hdrfilm">
+<integer name="width" value="16"/><integer name="height" value="12"/></film></sensor>
+<sensor type="perspective" id="detail"><film type="hdrfilm"><integer name="width" value="400"/>
+<integer name="height" value="200"/><integer name="crop_width" value="100"/><integer name="crop_height" value="100"/>
+<integer name="crop_offset_x" value="50"/><integer name="crop_offset_y" value="20"/></film></sensor>
+<sensor type="orthographic"><film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/>
+</film></sensor><emitter type="constant"/><shape type="sphere"/></scene>"""
+
+
+def test_a_job_names_its_sensor_and_gets_the_size_of_that_ones_picture(server: Server, client: httpx.Client) -> None:
+    answer = upload(client, "three.xml", THREE_SENSORS).json()
+    found = answer["requirements"]["sensor_choices"]
+    assert [(one["name"], one["width"], one["height"]) for one in found] == [
+        ("front", 16, 12),
+        ("detail", 100, 100),
+        ("", 8, 8),
+    ]
+    said = "3 sensors: the picture is the first one's, 'front'; choose another by name: 'detail', 2"
+    assert said in answer["warnings"]
+    asked = [({}, 16, 12, None), ({"sensor": "detail"}, 100, 100, 1), ({"sensor": 2}, 8, 8, 2)]
+    asked += [({"sensor": "detail", "width": 20}, 20, 20, 1), ({"sensor": 0, "height": 24}, 32, 24, 0)]
+    for settings, width, height, index in asked:
+        sides = {"width": None, "height": None}
+        job = server.wait_ended(server.submit({"spp": 4}, sides | settings, id=answer["id"])["id"])
+        told = job["settings"]
+        assert (job["state"], told["width"], told["height"], told["sensor"]) == ("succeeded", width, height, index)
+        assert (said in job["warnings"]) == (index is None)
+    body = {"scene": {"id": answer["id"]}, "target": {"spp": 4}, "settings": {"sensor": "top"}}
+    refused = client.post("/api/jobs", json=body)
+    assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, "settings.sensor")
+    assert "the scene has 0 'front', 1 'detail', 2" in refused.json()["detail"]
+
+
+def test_more_sensors_than_are_listed_are_told_and_can_all_be_asked_for(server: Server, client: httpx.Client) -> None:
+    film = '<film type="hdrfilm"><integer name="width" value="{}"/><integer name="height" value="4"/></film>'
+    every = "".join(f'<sensor type="perspective">{film.format(4 + i)}</sensor>' for i in range(150))
+    scene = f'<scene version="3.0.0">{every}<emitter type="constant"/><shape type="sphere"/></scene>'
+    answer = upload(client, "many.xml", scene).json()
+    for told in (answer["requirements"], client.get(f"/api/scenes/{answer['id']}").json()["requirements"]):
+        assert len(told["sensor_choices"]) == 100
+        assert (
+            "150 sensors, the first 100 of which are listed: ask for another by its name or its number, 0 to 149"
+            in (told["notes"])
+        )
+    body = {"scene": {"id": answer["id"]}, "target": {"spp": 4}, "settings": {"sensor": 149}}
+    job = client.post("/api/jobs", json=body)
+    assert job.status_code == 201, job.text
+    assert (job.json()["settings"]["width"], job.json()["settings"]["sensor"]) == (153, 149)
+    assert server.wait_ended(job.json()["id"])["state"] == "succeeded"

@@ -17,13 +17,14 @@ import renderer
 from renderer import allocation
 from renderer.estimate.moments import Moments
 from renderer.scene.compile import Scene
+from tests.stand_ins import Begins
 from tests.statistical.conftest import z_limit
 
 WIDTH, HEIGHT, SIZE = 24, 20, 16
 N = WIDTH * HEIGHT
 
 
-class FlashKernel:
+class FlashKernel(Begins):
     """Radiance 1 with some noise; in the right half also a light of mean 1 that a sample finds with probability p."""
 
     def __init__(self, probability: float) -> None:
@@ -40,7 +41,7 @@ class FlashKernel:
 @pytest.fixture(scope="module")
 def scene() -> Scene:
     """Any scene of the right size: the kernel that would render it is replaced."""
-    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT}
+    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "rfilter": {"type": "box"}}
     integrator = {"type": "path", "max_depth": 4}
     sensor = {"type": "perspective", "film": film}
     return renderer.load_scene(

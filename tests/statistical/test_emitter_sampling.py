@@ -46,6 +46,67 @@ def checkered() -> dict[str, Any]:
     return {"type": "area", "radiance": texture}
 
 
+def painted(wrap: str = "repeat", to_uv: Any = None, filter_type: str = "bilinear") -> dict[str, Any]:
+    """A light by a picture: dark in one part, with one bright texel, and nothing symmetric about it."""
+    pixels = np.random.default_rng(2).uniform(0.1, 1, (5, 7, 3)).astype(np.float32)
+    pixels[:2] *= 0.02
+    pixels[3, 5] = 12
+    texture = {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(pixels),
+        "raw": True,
+        "wrap_mode": wrap,
+        "filter_type": filter_type,
+    }
+    return {"type": "area", "radiance": texture | ({"to_uv": to_uv} if to_uv is not None else {})}
+
+
+def mesh(vertices: Any, faces: Any, uv: Any = None, normals: Any = None, emitter: Any = None, **attributes: Any) -> Any:
+    """A mesh in memory; attributes are of vertices or of faces, by the prefix of their name."""
+    vertices, faces = np.asarray(vertices, np.float32), np.asarray(faces, np.uint32)
+    props = mi.Properties()
+    props["emitter"] = mi.load_dict(emitter or painted())
+    made = mi.Mesh("mesh", len(vertices), len(faces), props, normals is not None, uv is not None)
+    for name, values in attributes.items():
+        made.add_attribute(name, 3, np.asarray(values, np.float32).ravel())
+    known = mi.traverse(made)
+    known["vertex_positions"], known["faces"] = mi.Float(vertices.ravel()), mi.UInt32(faces.ravel())
+    if uv is not None:
+        known["vertex_texcoords"] = mi.Float(np.asarray(uv, np.float32).ravel())
+    if normals is not None:
+        known["vertex_normals"] = mi.Float(np.asarray(normals, np.float32).ravel())
+    known.update()
+    return made
+
+
+PLATE = [[-1, -1, 1], [-1, 1, 1], [1, 1, 1], [1, -1, 1]]  # looks down
+HALVES = [[0, 1, 2], [0, 2, 3]]
+COLOURS = [[1, 0, 0], [0, 1, 0], [0, 0.02, 0.1], [3, 3, 0]]
+
+
+def bowl(**more: Any) -> Any:
+    """Four triangles that hang down to a point, with the normals of a ball."""
+    vertices = [[0, 0, 0.6], *([np.cos(a), np.sin(a), 1.2] for a in np.arange(4) * np.pi / 2)]
+    normals = np.array([[0, 0, -1.0], *([np.cos(a), np.sin(a), -0.6] for a in np.arange(4) * np.pi / 2)])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    faces = [[0, 1 + (i + 1) % 4, 1 + i] for i in range(4)]
+    return mesh(vertices, faces, normals=normals, **more)
+
+
+def by_vertex(name: str = "vertex_color") -> dict[str, Any]:
+    return {"type": "area", "radiance": {"type": "mesh_attribute", "name": name}}
+
+
+def ring(**more: Any) -> dict[str, Any]:
+    return place("cylinder", p0=[-0.7, 0.2, 1.5], p1=[0.9, 0.3, 1.1], radius=0.3, **more)
+
+
+CHECKERBOARD = {
+    "type": "area",
+    "radiance": {"type": "checkerboard", "color0": 0.1, "color1": 2.0, "to_uv": T().scale([3, 5, 1])},
+}
+
+
 @dataclass(frozen=True)
 class Case:
     """Lights, the point they are seen from, the directions in which to look, and whether direction sampling helps."""
@@ -65,12 +126,67 @@ CASES = {
     "textured rectangle": lambda: Case(
         {"a": place("rectangle", DOWN_AT_ONE, emitter=checkered())}, Cone.around(UP, 1.0)
     ),
+    "rectangle with a picture turned": lambda: Case(
+        {"a": place("rectangle", DOWN_AT_ONE, emitter=painted("mirror", T().rotate([0, 0, 1], 30).scale(2.5)))},
+        Cone.around(UP, 1.0),
+    ),
+    "picture that repeats": lambda: Case(
+        {"a": mesh(PLATE, HALVES, uv=[[0, 0], [0, 2], [3, 2], [3, 0]])}, Cone.around(UP, 1.0)
+    ),
+    "picture that ends": lambda: Case(
+        {"a": mesh(PLATE, HALVES, uv=[[-1, -0.5], [-1, 2], [1.5, 2], [1.5, -0.5]], emitter=painted("clamp"))},
+        Cone.around(UP, 1.0),
+    ),
+    "picture used twice": lambda: Case(
+        {"a": mesh([PLATE[i] for i in (0, 1, 2, 0, 2, 3)], [[0, 1, 2], [3, 4, 5]], uv=[[0, 0], [0, 1], [1, 1]] * 2)},
+        Cone.around(UP, 1.0),
+    ),
+    "colours of vertices": lambda: Case(
+        {"a": mesh(PLATE, HALVES, emitter=by_vertex(), vertex_color=COLOURS)}, Cone.around(UP, 1.0)
+    ),
+    "colours of faces": lambda: Case(
+        {"a": mesh(PLATE, HALVES, emitter=by_vertex("face_color"), face_color=COLOURS[2:])}, Cone.around(UP, 1.0)
+    ),
+    "colours of a smooth bowl": lambda: Case(
+        {"a": bowl(emitter=by_vertex(), vertex_color=[*COLOURS, [1, 1, 1]])}, Cone.around(UP, 1.2)
+    ),
+    "smooth bowl": lambda: Case({"a": bowl(emitter=area())}, Cone.around(UP, 1.2)),
+    "painted disk": lambda: Case({"a": place("disk", DOWN_AT_ONE, emitter=painted())}, Cone.around(UP, 0.9)),
+    "painted oval": lambda: Case(
+        {"a": place("disk", DOWN_AT_ONE @ T().scale([1, 0.4, 1]), emitter=painted())}, Cone.around(UP, 0.9)
+    ),
+    "painted ball": lambda: Case({"a": ball(0.8, emitter=painted())}, Cone.around(UP, 1.0)),
+    "inside a painted ball": lambda: Case(
+        {"a": ball(1.0, 0.4, flip_normals=True, emitter=painted())}, Cone.around(UP, np.pi)
+    ),
+    "painted ball, turned": lambda: Case(
+        {
+            "a": ball(0.8, emitter=CHECKERBOARD, to_world=T().rotate([0.6, 0, 0.8], 70), center=[0, 0, 0])
+            | {"center": [0.2, 0, 0.9]}
+        },
+        Cone.around(UP, np.pi),
+    ),
+    "painted cylinder": lambda: Case({"a": ring(emitter=painted())}, Cone.around(UP, 1.0)),
+    "painted lights among others": lambda: Case(
+        {
+            "a": place("rectangle", DOWN_AT_ONE @ T().translate([-0.8, 0, 0]).scale(0.6), emitter=CHECKERBOARD),
+            "b": ball(0.2, 1.5, emitter=painted()),
+            "c": mesh(np.array(PLATE) * [0.3, 0.3, 0.7] + [0.7, 0, 0], HALVES, uv=[[0, 0], [0, 2], [3, 2], [3, 0]]),
+            "d": ring(emitter=area(0.5), to_world=T().translate([0, 0.9, 0])),
+            "e": ball(0.1, 1.2, emitter=area(10.0)),
+            "f": bumpy_sky(),
+        },
+        Cone.around(UP, 1.2),
+    ),
     "disk": lambda: Case({"a": place("disk", DOWN_AT_ONE)}, Cone.around(UP, 0.9)),
     "cylinder": lambda: Case(
         {"a": place("cylinder", p0=[-0.7, 0.2, 1.5], p1=[0.9, 0.3, 1.1], radius=0.3)}, Cone.around(UP, 1.0)
     ),
     "cube mesh": lambda: Case(
         {"a": place("cube", T().translate([0, 0.1, 2]).rotate([0.6, 0.8, 0], 35).scale(0.5))}, Cone.around(UP, 0.7)
+    ),
+    "turned sphere": lambda: Case(
+        {"a": ball(0.8, 0, to_world=T().translate([0, 0, 1]).rotate([1, 0, 0], 180))}, Cone.around(UP, 1.0)
     ),
     "near sphere": lambda: Case({"a": ball(0.8)}, Cone.around(UP, 1.0)),
     "sphere nearly touched": lambda: Case({"a": ball(0.99)}, Cone.around(UP, 1.5)),
@@ -131,7 +247,7 @@ class Seen:
         si = self.scene.ray_intersect(ray)
         ds = mi.DirectionSample3f(self.scene, si, self.reference(len(d)))
         lit = (si.emitter(self.scene) != None) & (np.array(si.emitter(self.scene).eval(si)).max(axis=0) > 0)  # noqa: E711
-        return np.array(self.sampler.pdf(self.reference(len(d)), ds, mi.Bool(lit)), np.float64)
+        return np.array(self.sampler.pdf(self.reference(len(d)), ds, si, mi.Bool(lit)), np.float64)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -18,7 +18,7 @@ from renderer.measure import measure
 def test_techniques_are_compared_side_by_side(seed: int) -> None:
     """On a small light that directions hardly find, sampling the light is far more efficient."""
     settings = renderer.Settings(width=24, height=24, seed=seed, max_depth=3)
-    found = measure("cornell-box", seconds=0.2, settings=settings, techniques_only=True)
+    found = measure("cornell-box", seconds=0.6, settings=settings, techniques_only=True)
     rows = {row.candidate.settings.technique: row for row in found.rows}
     assert set(rows) == {"mis", "bsdf", "emitter", "cosine", "uniform"}
     assert found.relative_efficiency(rows["mis"]) == 1
@@ -55,7 +55,7 @@ def test_a_reference_of_another_scene_or_size_is_refused(tmp_path: Path) -> None
 
 def test_the_command_writes_table_json_and_chart(tmp_path: Path) -> None:
     chart, file = tmp_path / "speed.svg", tmp_path / "speed.json"
-    command = [sys.executable, "-m", "renderer.cli", "measure", "furnace", "--size", "16x16", "--seconds", "0.1"]
+    command = [sys.executable, "-m", "service.command", "measure", "furnace", "--size", "16x16", "--seconds", "0.1"]
     done = subprocess.run(
         [*command, "--chart", str(chart), "--json", str(file)], capture_output=True, text=True, timeout=300
     )

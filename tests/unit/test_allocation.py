@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from renderer import allocation
-from renderer.allocation import EVEN_GROWTH, FLOOR_SHARE, GROWTH, MAX_GROWTH, MOST_GROWTH, _is_even, next_counts
+from renderer.allocation import EVEN_GROWTH, FLOOR_SHARE, MAX_GROWTH, MOST_GROWTH, _is_even, next_counts
 from renderer.estimate.moments import Moments
+from renderer.stopping import CHECKPOINT_GROWTH
 
 WIDTH, HEIGHT = 24, 16
 N = WIDTH * HEIGHT
@@ -37,7 +38,7 @@ def test_a_round_adds_its_share_and_takes_nothing_away(seed: int, n: int, scale:
         return
     assert (more >= 0).all()
     assert (more <= np.ceil((MAX_GROWTH - 1) * moments.tried)).all()
-    assert more.sum() == pytest.approx((GROWTH - 1) * n * N, rel=0.1, abs=N / 20)
+    assert more.sum() == pytest.approx((CHECKPOINT_GROWTH - 1) * n * N, rel=0.1, abs=N / 20)
 
 
 def test_a_pixels_own_values_do_not_change_its_count() -> None:
@@ -163,7 +164,7 @@ def test_counts_that_the_pixels_themselves_do_not_bear_out_are_not_aimed_at(monk
 def test_a_round_has_the_least_that_is_asked_for_within_a_limit() -> None:
     is_dull = np.arange(N) % WIDTH < WIDTH // 2
     moments = moments_of(np.where(is_dull, 0.1, 0.5), 16)
-    for least, expected in ((0.0, GROWTH * 16), (5.0, 21.0), (100.0, MOST_GROWTH * 16)):
+    for least, expected in ((0.0, CHECKPOINT_GROWTH * 16), (5.0, 21.0), (100.0, MOST_GROWTH * 16)):
         assert next_counts(moments, WIDTH, HEIGHT, least=least).mean() == pytest.approx(expected, rel=0.01)
 
 

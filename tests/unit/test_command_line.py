@@ -16,12 +16,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from renderer import cli
 from renderer.errors import SettingsError
 from renderer.estimate.estimate import Estimate
 from renderer.estimate.moments import Moments
+from renderer.scene.gallery import list_scenes
+from service.command import arguments
+from service.command.console import say_seconds
+from service.command.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
+WRITTEN = ("out.exr", "out.checkpoint.exr")
 TINY = ("cornell-box", "--size", "16x16", "--replicate-size", "1")
 
 
@@ -52,7 +56,7 @@ class Command:
         self.monkeypatch.setattr(sys, "argv", ["fredholm", *map(str, arguments)])
         self.code = 0
         try:
-            cli.main()
+            main()
         except SystemExit as left:
             self.code = left.code if isinstance(left.code, int) else int(left.code is not None)
 
@@ -73,13 +77,13 @@ def assert_same_bits(a: Estimate, b: Estimate) -> None:
     [("2%", 0.02), ("0.02", 0.02), (" 2.5 % ", 0.025), ("1e-3", 1e-3), ("100%", 1.0), (".5%", 0.005), ("1e1", 10.0)],
 )
 def test_an_error_is_a_percentage_or_a_fraction(text: str, value: float) -> None:
-    assert cli.parse_error(text) == pytest.approx(value, rel=1e-12)
+    assert arguments.parse_error(text) == pytest.approx(value, rel=1e-12)
 
 
 @pytest.mark.parametrize("text", ["", "two", "2 percent", "%", "2%%", "0,02", "1e", "nan", "inf", "0x1", "2% 3%"])
 def test_an_error_that_is_no_number_is_refused_with_an_example(text: str) -> None:
     with pytest.raises(SettingsError, match=r"--error is .*write it as 2% or 0\.02"):
-        cli.parse_error(text)
+        arguments.parse_error(text)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +103,7 @@ def test_an_error_that_is_no_number_is_refused_with_an_example(text: str) -> Non
     ],
 )
 def test_a_time_is_said_in_seconds_minutes_and_hours(text: str, seconds: float) -> None:
-    assert cli.parse_time(text) == pytest.approx(seconds)
+    assert arguments.parse_time(text) == pytest.approx(seconds)
 
 
 @pytest.mark.parametrize(
@@ -107,20 +111,20 @@ def test_a_time_is_said_in_seconds_minutes_and_hours(text: str, seconds: float) 
 )
 def test_a_time_that_is_none_is_refused_with_an_example(text: str) -> None:
     with pytest.raises(SettingsError, match=r"--time is .*write it as 30s, 1m30s or 2h"):
-        cli.parse_time(text)
+        arguments.parse_time(text)
 
 
 @pytest.mark.parametrize(
     ("text", "size"), [("640x480", (640, 480)), (" 1 x 1 ", (1, 1)), ("640×480", (640, 480)), ("640X480", (640, 480))]
 )
 def test_a_size_is_width_and_height(text: str, size: tuple[int, int]) -> None:
-    assert cli.parse_size(text) == size
+    assert arguments.parse_size(text) == size
 
 
 @pytest.mark.parametrize("text", ["", "640", "640x", "x480", "640*480", "-640x480", "6.4x4.8", "640x480x3", "axb"])
 def test_a_size_that_is_none_is_refused_with_an_example(text: str) -> None:
     with pytest.raises(SettingsError, match=r"--size is .*for example 640x480"):
-        cli.parse_size(text)
+        arguments.parse_size(text)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +132,7 @@ def test_a_size_that_is_none_is_refused_with_an_example(text: str) -> None:
     [(0.25, "0.2 s"), (59.9, "59.9 s"), (90, "1 min 30 s"), (3600, "1 h 0 min"), (8100, "2 h 15 min")],
 )
 def test_durations_are_said_as_people_say_them(seconds: float, words: str) -> None:
-    assert cli.say_seconds(seconds) == words
+    assert say_seconds(seconds) == words
 
 
 def test_help_names_the_commands(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:
@@ -156,7 +160,7 @@ def test_help_of_a_command_shows_examples(
 def test_the_gallery_lists_names_that_render_takes(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:
     assert fredholm("gallery").code == 0
     out, _ = said(capsys)
-    for found in cli.scene_gallery.list_scenes():
+    for found in list_scenes():
         assert f"{found.name} {found.title}" in out
 
 
@@ -212,16 +216,17 @@ def test_an_unknown_option_is_exit_code_two(fredholm: type[Command], capsys: pyt
 def test_a_render_writes_its_image_and_one_last_line_of_json(
     fredholm: type[Command], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert fredholm("render", "cornell-box", "--size", "16x16", "--spp", "4", "--seed", "7", "--json").code == 0
+    assert fredholm("render", "cornell-box", "--size", "16x16", "--spp", "64", "--seed", "7", "--json").code == 0
     out, err = capsys.readouterr()
     report = json.loads(out.splitlines()[-1])
     assert set(report) >= {"seconds", "spp", "error", "samples", "stopped_by", "scene", "seed"}
-    assert (report["spp"], report["samples"], report["stopped_by"]) == (4, 4 * 256, "spp")
+    assert (report["spp"], report["samples"], report["stopped_by"]) == (64, 64 * 256, "spp")
     assert (report["scene"], report["seed"], report["width"], report["height"]) == ("cornell-box", 7, 16, 16)
     assert 0 < report["error"] < 2
+    assert report["error_unknown"] is None
     assert report["seconds"] > 0
     written = Estimate.read("out.exr")
-    assert (written.samples, written.identity.seed, written.identity.scene) == (1024, 7, report["scene_digest"])
+    assert (written.samples, written.identity.seed, written.identity.scene) == (64 * 256, 7, report["scene_digest"])
     assert written.mean.max() > 0
     assert "out.exr: error" in err
     assert "samples done" in err
@@ -236,7 +241,7 @@ def test_a_rewrite_is_left_out_on_request_and_the_image_says_so(fredholm: type[C
 
 def test_the_number_of_threads_changes_no_bit(tmp_path: Path) -> None:
     for threads in (1, 3):
-        command = [sys.executable, "-m", "renderer.cli", "render", *TINY, "--spp", "64", "--threads", str(threads)]
+        command = [sys.executable, "-m", "service.command", "render", *TINY, "--spp", "64", "--threads", str(threads)]
         subprocess.run([*command, "-o", tmp_path / f"{threads}.exr"], cwd=ROOT, check=True)
     one, three = (Estimate.read(tmp_path / f"{threads}.exr") for threads in (1, 3))
     assert np.array_equal(one.moments.mean, three.moments.mean)
@@ -339,9 +344,9 @@ def test_health_confidence_and_region_are_in_the_report(
 
 
 HURRIED = """
-import renderer.cli as cli
-cli.CHECKPOINT_SECONDS = 0.5
-cli.main()
+from service.command import main, rendering
+rendering.CHECKPOINT_SECONDS = 0.5
+main.main()
 """
 
 
@@ -364,23 +369,23 @@ def test_a_killed_render_loses_no_more_than_its_last_checkpoint_interval(tmp_pat
     left = Estimate.read(out)
     assert left.seconds > 0
     assert max(b - a for a, b in itertools.pairwise(saved)) < 10 * 0.5, "loose: the machine may be busy"
-    command = [sys.executable, "-m", "renderer.cli", "render", *TINY, "-o", str(out), "--resume", str(out)]
+    command = [sys.executable, "-m", "service.command", "render", *TINY, "-o", str(out), "--resume", str(out)]
     done = subprocess.run([*command, "--time", f"{left.seconds + 0.3}s"], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     resumed = Estimate.read(out)
     assert resumed.samples > left.samples
-    assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".")] == ["out.exr"]
+    assert sorted(p.name for p in tmp_path.iterdir() if not p.name.startswith(".")) == sorted(WRITTEN)
 
 
 ANNOUNCED = """
-import renderer.cli as cli
-rendered = cli.progressive
+from service.command import main, rendering
+rendered = rendering.progressive
 def announced(*arguments, **more):
     for snapshot in rendered(*arguments, **more):
         print("snapshot", flush=True)
         yield snapshot
-cli.progressive = announced
-cli.main()
+rendering.progressive = announced
+main.main()
 """
 
 
@@ -408,7 +413,7 @@ def test_an_interrupted_render_saves_its_image_and_exits_with_130(tmp_path: Path
     assert report["stopped_by"] == "interrupted"
     assert Estimate.read(out).samples == report["samples"] > 0
     assert "interrupted" in stderr
-    assert [p.name for p in tmp_path.iterdir()] == ["out.exr"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(WRITTEN)
 
 
 def test_the_version_names_what_an_image_depends_on(
@@ -416,3 +421,97 @@ def test_the_version_names_what_an_image_depends_on(
 ) -> None:
     assert fredholm("--version").code == 0
     assert said(capsys)[0].split()[0::2] == ["fredholm", "mitsuba", "drjit", "numpy"]
+
+
+@pytest.mark.parametrize(
+    ("asked", "size"),
+    [((), (8, 4)), (("--width", "16"), (16, 8)), (("--height", "2"), (4, 2)), (("--size", "6x6"), (6, 6))],
+)
+def test_one_side_alone_keeps_the_proportions(
+    asked: tuple[str, ...], size: tuple[int, int], fredholm: type[Command], tmp_path: Path
+) -> None:
+    film = '<film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="4"/></film>'
+    path = tmp_path / "wide.xml"
+    path.write_text(f'<scene version="3.0.0"><sensor type="perspective">{film}</sensor></scene>')
+    assert fredholm("render", path, "--spp", "1", *asked).code == 0
+    estimate = Estimate.read(tmp_path / "out.exr")
+    assert (estimate.width, estimate.height) == size
+
+
+def test_a_size_and_a_side_are_refused_together(fredholm: type[Command], capsys: pytest.CaptureFixture[str]) -> None:
+    assert fredholm("render", "furnace", "--size", "8x8", "--width", "8").code == 2
+    assert "--size is '8x8' and --width or --height is given as well" in said(capsys)[1]
+
+
+def test_a_sensor_is_chosen_by_name_or_number(
+    fredholm: type[Command], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def sensor(name: str, side: int) -> str:
+        film = f'<film type="hdrfilm"><integer name="width" value="{side}"/><integer name="height" value="8"/></film>'
+        return f'<sensor type="perspective" id="{name}">{film}</sensor>'
+
+    path = tmp_path / "two.xml"
+    path.write_text(f'<scene version="3.0.0">{sensor("a", 8)}{sensor("b", 12)}<emitter type="constant"/></scene>')
+    for asked, width in ((("--sensor", "b"), 12), (("--sensor", "1"), 12), ((), 8)):
+        assert fredholm("render", path, "--spp", "1", "--json", *asked).code == 0
+        out, err = said(capsys)
+        assert json.loads(out)["width"] == width
+        assert ("2 sensors: the picture is the first one's, 'a'" in err) == ("--sensor" not in asked)
+    assert fredholm("render", path, "--sensor", "c", "--spp", "1").code == 2
+    assert "sensor is 'c', and the scene has 0 'a', 1 'b'" in said(capsys)[1]
+    assert fredholm("inspect", path).code == 0
+    assert "a 8×8 (perspective), b 12×8 (perspective)" in said(capsys)[0]
+
+
+def test_the_picture_is_small_and_resume_and_merge_find_its_checkpoint(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """A 512×512 EXR was 39 MB: 149 bytes a pixel. The commands that the README has always named go on working."""
+    asked = ("cornell-box", "--size", "64x64", "--uniform", "--replicate-size", "16")
+    assert fredholm("render", *asked, "--spp", "64", "-o", "straight.exr").code == 0
+    assert fredholm("render", *asked, "--spp", "32").code == 0
+    assert fredholm("render", *asked, "--spp", "64", "--resume", "out.exr").code == 0
+    straight, resumed = Estimate.read("straight.exr"), Estimate.read("out.exr")
+    assert np.array_equal(straight.mean, resumed.mean)
+    assert np.array_equal(straight.moments.m2, resumed.moments.m2)
+    assert (tmp_path / "out.exr").stat().st_size < 24 * 64 * 64 + 10_000
+    assert fredholm("render", *asked, "--spp", "64", "--seed", "1", "-o", "b.exr", "--half").code == 0
+    assert (tmp_path / "b.exr").stat().st_size < 0.7 * (tmp_path / "out.exr").stat().st_size
+    assert fredholm("merge", "out.exr", "b.exr", "-o", "c.exr").code == 0
+    assert Estimate.read("c.exr").spp == Estimate.read("c.checkpoint.exr").spp == 128
+    capsys.readouterr()
+    (tmp_path / "b.checkpoint.exr").rename(tmp_path / "elsewhere.exr")
+    assert fredholm("merge", "out.exr", "b.exr", "-o", "d.exr").code == 2
+    said_of_it = said(capsys)[1]
+    assert "b.exr is a picture, without the moments that going on, merging and replaying need" in said_of_it
+    assert "they are in its checkpoint b.checkpoint.exr: put that file beside it, or name it" in said_of_it
+    assert fredholm("merge", "out.exr", "elsewhere.exr", "-o", "d.exr").code == 0
+
+
+def test_a_checkpoint_is_left_out_or_put_elsewhere_on_request(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "kept").mkdir()
+    assert fredholm("render", *TINY, "--spp", "1", "--checkpoint", "kept/all.exr").code == 0
+    assert Estimate.read("kept/all.exr").spp == 1
+    assert fredholm("render", *TINY, "--spp", "1", "--no-checkpoint", "-o", "alone.exr").code == 0
+    assert sorted(p.name for p in tmp_path.glob("*.exr")) == ["alone.exr", "out.exr"]
+    assert fredholm("render", *TINY, "--spp", "2", "--resume", "alone.exr").code == 2
+    assert "no checkpoint was written with it; render again with --checkpoint" in said(capsys)[1]
+    for options in (
+        ("--checkpoint", "out.exr"),
+        ("--checkpoint", "a.txt"),
+        ("--checkpoint", "a.exr", "--no-checkpoint"),
+    ):
+        assert fredholm("render", *TINY, "--spp", "1", *options).code == 2
+
+
+def test_a_picture_never_stands_for_the_checkpoint_of_another_render(
+    fredholm: type[Command], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert fredholm("render", *TINY, "--spp", "1").code == 0
+    (tmp_path / "out.exr").rename(tmp_path / "first.exr")
+    assert Estimate.read("first.exr").spp == 1
+    assert fredholm("render", *TINY, "--spp", "1", "--seed", "1").code == 0
+    assert fredholm("render", *TINY, "--spp", "2", "--resume", "first.exr", "-o", "x.exr").code == 2
+    assert "out.checkpoint.exr beside it is of another render by now" in said(capsys)[1]

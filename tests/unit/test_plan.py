@@ -13,21 +13,21 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from renderer.plan import (
-    CHECKPOINT_GROWTH,
     FIRST_REPLICATES,
     FIRST_SAMPLES,
+    LEAST_LANES,
     MAX_PASS_SAMPLES,
     MIN_PASS_SAMPLES,
-    MIN_REPLICATES_TO_STOP,
     MOST_TOGETHER,
     PASS_SECONDS,
+    PASS_SEGMENTS,
     Pass,
     coarse_stride,
-    is_checkpoint,
-    next_checkpoint,
     next_round,
     pass_samples_for,
+    sample_of,
 )
+from renderer.stopping import is_checkpoint, next_checkpoint
 
 LAWS = settings(max_examples=40, deadline=None, derandomize=True)
 sizes = st.one_of(
@@ -174,7 +174,7 @@ def test_the_first_pass_is_a_regular_grid_that_fits_its_samples(width: int, heig
         assert -(-width // stride) * -(-height // stride) * b * FIRST_REPLICATES <= FIRST_SAMPLES
         return
     count = np.zeros(width * height, np.int64)
-    first = next(next_round(count, width, height, b, None, budgets(MIN_PASS_SAMPLES)))
+    first = next(next_round(count, width, height, b, None, budgets(FIRST_SAMPLES)))
     assert first.n_lanes * b <= FIRST_SAMPLES
     rows, columns = np.divmod(first.pixels.astype(np.int64), width)
     stride = coarse_stride(width, height, b)
@@ -193,6 +193,34 @@ def test_the_first_whole_picture_has_two_replicates_everywhere_where_that_is_soo
     assert passes[-1].n_replicates == finer
     alone = list(next_round(np.zeros(128 * 128, np.int64), 128, 128, 16, 1, lambda: pass_samples))
     assert all(work.n_replicates == 1 for work in alone)
+
+
+def test_where_time_is_short_every_pixel_has_one_replicate_before_any_has_two_but_the_first_grid() -> None:
+    n, b = 128 * 128, 1
+    for left, most in ((1.5, 1), (8.0, FIRST_REPLICATES)):
+        count = np.zeros(n, np.int64)
+        passes = list(next_round(count.copy(), 128, 128, b, None, lambda: 2**13, samples_left=left * b * n))
+        for work in passes:
+            apply(work, count)
+        assert passes[0].n_lanes * b <= 2**13, "the first picture is no later than any pass"
+        assert [work.n_replicates for work in passes[1:]] == [most] * (len(passes) - 1)
+        assert count.min() == most
+
+
+def test_passes_of_a_short_time_are_a_fraction_of_it() -> None:
+    assert pass_samples_for(2e6, seconds=0.4) == pytest.approx(2e6 * 0.05)
+    assert pass_samples_for(2e6, seconds=1e3) == pass_samples_for(2e6) == pytest.approx(2e6 * PASS_SECONDS)
+    assert pass_samples_for(1e3, seconds=0.3) < MIN_PASS_SAMPLES
+
+
+@pytest.mark.parametrize(("size", "n"), [((1, 1), 64), ((3, 5), 4), ((640, 360), 4096), ((1920, 1080), 2**16)])
+def test_a_sample_of_the_pixels_comes_from_all_over_the_image(size: tuple[int, int], n: int) -> None:
+    pixels = sample_of(*size, n)
+    assert len(np.unique(pixels)) == len(pixels) <= max(n, 16)
+    rows = pixels // size[0]
+    if size[1] > 100:
+        assert len(pixels) == n
+        assert np.histogram(rows, 4, (0, size[1]))[0].min() > 0.15 * n
 
 
 def test_a_small_image_is_whole_at_once() -> None:
@@ -244,17 +272,8 @@ def test_planning_does_not_change_the_counts() -> None:
     np.testing.assert_array_equal(count, before)
 
 
-def test_checkpoints_grow_strictly_and_geometrically() -> None:
-    first = [c for c in range(20_000) if is_checkpoint(c)]
-    assert first[0] == MIN_REPLICATES_TO_STOP
-    for a, b in itertools.pairwise(first):
-        assert a < b <= max(a + 1, a * CHECKPOINT_GROWTH)
-    assert len(first) < 70
-
-
-@pytest.mark.parametrize("replicates", [0, 1, 3, 4, 5, 17, 100, 12345])
-def test_the_next_checkpoint_lies_ahead_and_is_one(replicates: int) -> None:
-    ahead = next_checkpoint(replicates)
-    assert ahead > replicates
-    assert is_checkpoint(ahead)
-    assert not any(is_checkpoint(c) for c in range(replicates + 1, ahead))
+def test_passes_are_smaller_where_paths_are_long() -> None:
+    assert pass_samples_for(1.0, 5.0, 16) == MIN_PASS_SAMPLES
+    assert pass_samples_for(1.0, 1e3, 16) == int(PASS_SEGMENTS / 1e3) < MIN_PASS_SAMPLES
+    assert pass_samples_for(1.0, 1e9, 16) == 16 * LEAST_LANES, "a processor's vectors are filled"
+    assert pass_samples_for(1e9, 5.0, 16) == MAX_PASS_SAMPLES

@@ -12,13 +12,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderer import plan, progress
+from renderer import plan, progress, resolve
+from renderer.budget import Pace
 from renderer.errors import CheckpointError, SettingsError
 from renderer.estimate.estimate import Estimate, merge
 from renderer.estimate.moments import Moments
 from renderer.progress import Snapshot, progressive, render
+from renderer.replay import settings_of
 from renderer.scene.compile import Scene, load_scene
 from renderer.settings import Settings, Target
+from tests.stand_ins import Begins
 
 WIDTH, HEIGHT, SIZE = 24, 16, 4
 N = WIDTH * HEIGHT
@@ -26,7 +29,7 @@ SETTINGS = Settings(replicate_size=SIZE, seed=3, adaptive=False)
 ADAPTIVE = Settings(replicate_size=SIZE, seed=3)
 
 
-class NoisyKernel:
+class NoisyKernel(Begins):
     """Stands in for the kernel: radiance that depends on (seed, pixel, replicate) alone, by NumPy."""
 
     def __init__(self, invalid_where: tuple[int, int] | None = None, launches_allowed: int = 200) -> None:
@@ -60,7 +63,7 @@ def kernel(monkeypatch: pytest.MonkeyPatch) -> NoisyKernel:
 @pytest.fixture(scope="module")
 def scene() -> Scene:
     """Any scene of the right size: the kernel that would render it is replaced."""
-    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT}
+    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "rfilter": {"type": "box"}}
     return load_scene(
         {
             "type": "scene",
@@ -150,9 +153,7 @@ def test_an_adaptive_render_stopped_after_any_pass_goes_on_with_the_same_bits(
     straight = render(scene, target, ADAPTIVE)
     assert straight.samples == 120 * N
     assert (straight.count.min() < straight.count.max()) == (dull > 0)
-    monkeypatch.setattr(
-        plan, "pass_samples_for", lambda speed: 600
-    )  # several passes a round: most stops are inside one
+    monkeypatch.setattr(plan, "pass_samples_for", lambda *_: 600)  # several passes a round: most stops are inside one
     asked = iter(range(1000))
     part = snapshots_of(scene, target, ADAPTIVE, should_stop=lambda: next(asked) >= passes)[-1].estimate
     assert part.samples < straight.samples
@@ -202,7 +203,7 @@ def test_more_confidence_costs_more_samples(scene: Scene, kernel: NoisyKernel) -
     assert bold.samples < sure.samples
 
 
-class SingleThreadedKernel:
+class SingleThreadedKernel(Begins):
     """Has rendered a pass when `launch` returns, as kernels do on a single thread."""
 
     def __init__(self, samples_per_second: float) -> None:
@@ -216,11 +217,28 @@ class SingleThreadedKernel:
         return np.ones((3, len(pixels)), np.float32), none, none
 
 
+def test_a_render_that_nobody_watches_has_longer_passes_and_the_same_bits(
+    scene: Scene, kernel: NoisyKernel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As fast as it says: a pass has as many samples as its seconds are worth.
+    monkeypatch.setattr(plan, "pass_samples_for", lambda _speed, _segments, _size, _seconds, aimed: int(6000 * aimed))
+    launches, estimates = [], []
+    for is_watched in (True, False):
+        kernel.launches_allowed = 1000
+        if is_watched:
+            estimates.append(snapshots(scene, Target(spp=64))[-1].estimate)
+        else:
+            estimates.append(render(scene, Target(spp=64), SETTINGS))
+        launches.append(1000 - kernel.launches_allowed)
+    assert_same_bits(*estimates)
+    assert launches[1] < launches[0] / 3
+
+
 def test_passes_stay_short_where_a_launch_waits_for_the_kernel(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     kernel = SingleThreadedKernel(samples_per_second=5 * 2**18)
     monkeypatch.setattr(Scene, "kernel", lambda self, settings: kernel)
     settings = replace(SETTINGS, width=640, height=512)
-    render(scene.sized(settings), Target(spp=3 * SIZE), settings)
+    list(progressive(scene.sized(settings), Target(spp=3 * SIZE), settings))
     assert max(kernel.samples) <= 2**19, "twice what the speed of the kernel would have"
 
 
@@ -291,3 +309,76 @@ def test_no_replicate_is_added_twice_after_one_was_lost(scene: Scene, kernel: No
     kept = [r for p, r in kernel.lanes if p == 5 and r != lost]
     assert len(set(kept)) == len(kept) == last.estimate.moments.count[5]
     assert last.invalid == SIZE
+
+
+def test_a_time_decides_the_replicate_size_once_and_a_resumed_render_keeps_it(
+    scene: Scene, kernel: NoisyKernel, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    paces = [Pace(1e-3 / N, 0.0), Pace(1e-5 / N, 0.0)]
+    monkeypatch.setattr(resolve, "_measured_pace", lambda *_: paces.pop(0))
+    asked = Settings(seed=3)
+    part = render(scene, Target(seconds=0.07), asked)
+    assert part.replicate_size == part.identity.settings["replicate_size"] == 4
+    part.write(tmp_path / "part.exr")
+    read = Estimate.read(tmp_path / "part.exr")
+    assert settings_of(read).replicate_size == 4
+    assert_same_bits(
+        render(scene, Target(spp=part.samples // N + 40), asked, start=read),
+        render(scene, Target(spp=part.samples // N + 40), replace(asked, replicate_size=4)),
+    )
+    assert len(paces) == 1, "the pace was measured again"
+
+
+def test_a_time_that_is_too_short_says_so_with_the_first_picture_and_leaves_the_error_unknown(
+    scene: Scene, kernel: NoisyKernel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(resolve, "_measured_pace", lambda *_: Pace(1.0, 0.0))
+    monkeypatch.setattr(plan, "pass_samples_for", lambda *_: 16)
+    settings = Settings(seed=3)
+    first = next(progressive(scene, Target(seconds=0.5), settings))
+    assert "0.5 s are too short for one sample in each of 24×16 pixels" in first.health.sentences()[-1]
+    assert first.short is not None
+    assert first.error is None
+    assert first.unknown is not None
+    assert first.unknown.endswith("no sample")
+    assert first.share_within is None
+    # Where it was enough after all, nothing is said.
+    whole = render(scene, Target(seconds=60.0, spp=4), settings)
+    assert whole.health.warnings == ()
+
+
+def test_a_resumed_render_keeps_its_curve_and_its_forecast(
+    scene: Scene, kernel: NoisyKernel, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(progress, "MIN_SNAPSHOT_SECONDS", 0.0)
+    monkeypatch.setattr(progress, "MAX_SNAPSHOT_SECONDS", 0.0)
+    monkeypatch.setattr(progress, "MAX_SNAPSHOT_SHARE", 1e9)
+    part = snapshots(scene, Target(error=0.02, spp=120))[-1]
+    assert len(part.curve) >= 3
+    assert all(point.upper is None or point.upper >= point.error for point in part.curve)
+    assert part.curve[-1].upper is not None
+    part.estimate.write(tmp_path / "part.exr")
+    read = Estimate.read(tmp_path / "part.exr")
+    first = next(progressive(scene, Target(error=0.02, spp=400), SETTINGS, start=read))
+    assert first.curve[: len(part.curve)] == part.curve
+    assert first.forecast is not None
+    surer = next(progressive(scene, Target(error=0.02, spp=400, confidence=0.99), SETTINGS, start=read))
+    assert [point.error for point in surer.curve[: len(part.curve)]] == [point.error for point in part.curve]
+    assert all(point.upper is None for point in surer.curve[: len(part.curve)]), "bounds of another confidence"
+    corner = next(progressive(scene, Target(error=0.02, spp=400, region=[0, 0, 16, 16]), SETTINGS, start=read))
+    assert len(corner.curve) <= 1, "errors of another region"
+
+
+def test_an_estimate_that_other_versions_or_devices_went_on_with_says_so(scene: Scene, kernel: NoisyKernel) -> None:
+    start = render(scene, Target(spp=16), SETTINGS)
+    (own,) = start.identity.made_with
+    assert "mitsuba" in own
+    other = replace(start, identity=replace(start.identity, made_with=("fredholm 0.0, mitsuba 1, drjit 1, cuda",)))
+    mixed = render(scene, Target(spp=32), SETTINGS, start=other)
+    assert len(mixed.identity.made_with) == 2
+    (sentence,) = [s for s in mixed.health.sentences() if s.startswith("mixed")]
+    assert own in sentence
+    assert "mitsuba 1, drjit 1, cuda" in sentence
+    assert not render(scene, Target(spp=32), SETTINGS, start=start).health.mixed
+    merged = merge(mixed, render(scene, Target(spp=8), replace(SETTINGS, seed=9)))
+    assert merged.health.mixed == mixed.health.mixed

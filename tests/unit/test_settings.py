@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from renderer.errors import FredholmError, SettingsError
@@ -47,6 +49,22 @@ def test_a_bad_target_is_refused_by_name_value_and_range(field: str, value: Any,
     message = str(refusal.value)
     assert message.startswith(f"{field} is {value!r};")
     assert value_range in message
+
+
+@pytest.mark.parametrize("kind", [np.int8, np.int64, np.uint16, np.uint64])
+def test_whole_numbers_of_numpy_are_taken_as_python_s_own(kind: type[np.integer]) -> None:
+    settings = Settings(*(kind(8) for _ in range(4)), replicate_size=kind(4), adaptive=np.bool_(False))  # type: ignore[arg-type]
+    assert settings == Settings(8, 8, 8, 8, replicate_size=4, adaptive=False)
+    target = Target(spp=kind(16), error=np.float32(0.5), seconds=np.float16(2), share=np.float64(0.5))  # type: ignore[arg-type]
+    assert target == Target(spp=16, error=0.5, seconds=2.0, share=0.5)
+    assert Target(error=0.1, region=[kind(1)] * 4) == Target(error=0.1, region=[1, 1, 1, 1])
+    assert json.loads(json.dumps([settings.as_dict(), target.as_dict()]))[1]["spp"] == 16
+
+
+@pytest.mark.parametrize("bad", [np.int64(0), np.float64(16.0), np.bool_(True), np.array([16])])
+def test_what_is_no_whole_number_is_none_from_numpy_either(bad: Any) -> None:
+    with pytest.raises(SettingsError, match="spp is"):
+        Target(spp=bad)
 
 
 @pytest.mark.parametrize("field", ["error", "seconds"])
@@ -142,13 +160,22 @@ def test_few_samples_get_small_replicates_so_that_four_are_left(spp: int | None,
     assert spp is None or spp < 4 or spp // size >= 4
 
 
-@pytest.mark.parametrize(("spp", "size"), [(64, 16), (511, 16), (512, 32), (1023, 32), (1024, 64), (2**20, 64)])
-def test_many_samples_get_large_replicates_so_that_sixteen_are_left(spp: int, size: int) -> None:
+@pytest.mark.parametrize(
+    ("spp", "size"),
+    [
+        *((31, 4), (63, 4), (64, 4), (127, 4), (128, 8), (255, 8), (256, 16), (511, 16)),
+        *((512, 32), (1023, 32), (1024, 64), (2**20, 64)),
+    ],
+)
+def test_from_64_samples_on_sixteen_replicates_are_left_so_that_a_pixel_can_be_trusted(spp: int, size: int) -> None:
     assert replicate_size_for(Settings(), Target(spp=spp)) == size
-    assert replicate_size_for(Settings(), Target(seconds=2), spp / 2) == size
-    # The first limit reached wins, and an error may be reached at any time.
-    assert replicate_size_for(Settings(), Target(seconds=2, spp=64), spp / 2) == 16
-    assert replicate_size_for(Settings(), Target(seconds=2, error=0.01), spp / 2) == 16
+    assert replicate_size_for(Settings(), Target(spp=spp, seconds=1e6)) == size
+    assert spp < 64 or spp // size >= 16
+
+
+def test_a_time_leaves_the_size_to_the_pace_up_to_what_the_rest_of_the_target_says() -> None:
+    assert replicate_size_for(Settings(), Target(seconds=2)) == 64
+    assert replicate_size_for(Settings(), Target(seconds=2, error=0.01)) == 16
 
 
 @pytest.mark.parametrize(("error", "size"), [(0.001, 16), (0.05, 16), (0.07, 8), (0.1, 4), (0.2, 2), (5.0, 2)])
@@ -160,3 +187,22 @@ def test_a_loose_error_gets_small_replicates_for_it_is_reached_soon(error: float
 @pytest.mark.parametrize("asked", [1, 2, 64])
 def test_a_replicate_size_that_is_asked_for_is_taken(asked: int) -> None:
     assert replicate_size_for(Settings(replicate_size=asked), Target(spp=4)) == asked
+
+
+def test_numbers_of_other_libraries_are_numbers() -> None:
+    """`Target(spp=numpy.int64(16))` was refused: "it must be a whole number"."""
+    limits: dict[str, Any] = {"spp": np.int64(16), "seconds": np.float32(0.5), "error": np.float64(0.1)}
+    sides: dict[str, Any] = {"width": np.int32(8), "height": np.uint16(6)}
+    target = Target(**limits)
+    settings = Settings(**sides, **{"seed": np.uint64(3), "max_depth": np.int8(-1)})
+    assert json.loads(json.dumps(target.as_dict() | settings.as_dict()))["spp"] == 16
+    assert {type(value) for value in (target.spp, settings.width, settings.seed, settings.max_depth)} == {int}
+    assert {type(value) for value in (target.seconds, target.error)} == {float}
+    for bad in (np.float64(16), np.bool_(True), np.array([16])):
+        with pytest.raises(SettingsError, match="whole number"):
+            Target(spp=bad)  # type: ignore[arg-type]
+
+
+def test_names_of_channels_in_one_text_are_no_list_of_letters() -> None:
+    with pytest.raises(SettingsError, match=r"give a list of names: \['albedo', 'depth'\]"):
+        Settings(channels="albedo,depth")  # type: ignore[arg-type]

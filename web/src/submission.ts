@@ -1,5 +1,5 @@
 /** The New render form as a value: what was typed, what is wrong with it, what is sent. */
-import type { GalleryScene, Job, Region, Submission, Target, Technique, UploadedScene } from './api/types';
+import type { GalleryScene, Job, Region, SensorChoice, SeriesSubmission, SettingsRequest, Submission, Target, Technique, UploadedScene } from './api/types';
 
 export type SceneChoice =
   | { kind: 'gallery'; scene: GalleryScene }
@@ -15,7 +15,16 @@ export interface TargetDraft {
   spp: string;
   /** "x, y, width, height"; empty: the whole picture. */
   region: string;
+  /** How sure to be of the error, and of how many pixels: what the API was asked for, kept. */
+  confidence: number | null;
+  share: number | null;
 }
+
+/** Settings that the form has no field for: they are kept from the job that is asked for again. */
+type Carried = Omit<SettingsRequest, 'width' | 'height' | 'seed' | 'max_depth' | 'technique' | 'adaptive' | 'sensor' | 'camera' | 'parameters'>;
+
+/** Where the sensor is and looks, as typed: "x, y, z", degrees; empty is as the scene has it. */
+export type CameraDraft = Record<'origin' | 'target' | 'up' | 'fov', string>;
 
 /** Fields as typed; empty means "the scene's own" or "no such target". */
 export interface Draft extends TargetDraft {
@@ -26,9 +35,20 @@ export interface Draft extends TargetDraft {
   technique: Technique;
   isAdaptive: boolean;
   seed: string;
+  /** Width over height that both sides keep while one is typed; null: they are free. */
+  proportions: number | null;
+  /** By name or number; null: the scene's first. */
+  sensor: string | number | null;
+  /** One picture of each sensor instead. */
+  hasAllSensors: boolean;
+  camera: CameraDraft;
+  /** Values for the scene's parameters, as typed; empty is the scene's own; several, parted by semicolons, are a picture each. */
+  parameters: Record<string, string>;
+  carried: Carried;
+  priority: number;
 }
 
-export type DraftErrors = Partial<Record<'scene' | 'target' | 'error' | 'seconds' | 'spp' | 'region' | 'width' | 'height' | 'max_depth' | 'seed', string>>;
+export type DraftErrors = Partial<Record<`camera.${keyof CameraDraft}` | 'scene' | 'target' | 'error' | 'seconds' | 'spp' | 'region' | 'width' | 'height' | 'max_depth' | 'seed', string>>;
 
 export const TECHNIQUES: readonly { id: Technique; label: string; teaches: string }[] = [
   { id: 'mis', label: 'MIS: both, weighted', teaches: 'BSDF and emitter sampling, weighted. Rarely beaten.' },
@@ -38,40 +58,116 @@ export const TECHNIQUES: readonly { id: Technique; label: string; teaches: strin
   { id: 'uniform', label: 'Uniform hemisphere', teaches: 'Every direction alike: the baseline the others are measured against.' },
 ];
 
+const OWN_CAMERA: CameraDraft = { origin: '', target: '', up: '', fov: '' };
+
 export function freshDraft(): Draft {
   return {
     choice: null,
     hasError: true, errorPercent: '5',
     hasSeconds: true, seconds: '60',
     hasSpp: false, spp: '256',
-    region: '',
-    width: '', height: '',
+    region: '', confidence: null, share: null,
+    width: '', height: '', proportions: 1,
     maxDepth: '', technique: 'mis', isAdaptive: true, seed: '0',
+    sensor: null, hasAllSensors: false, camera: OWN_CAMERA, parameters: {}, carried: {}, priority: 0,
   }; // prettier-ignore
 }
 
 /** The form filled with what an earlier job asked for. */
 export function draftFrom(job: Job, choice: SceneChoice | null): Draft {
-  const { target, settings } = job;
-  const text = (value: number | null | undefined, otherwise: string): string =>
-    value === null || value === undefined ? otherwise : String(+value.toPrecision(6));
+  const { target, settings, priority = 0 } = job;
+  const text = (value: number | null | undefined, otherwise: string): string => (value === null || value === undefined ? otherwise : String(value));
+  const { width, height, seed, max_depth, technique, adaptive, sensor = null, camera = null, parameters = {}, ...others } = settings;
   return {
     choice,
     hasError: !!target.error,
-    errorPercent: text(target.error ? target.error * 100 : null, '5'),
+    errorPercent: text(target.error ? +(target.error * 100).toPrecision(6) : null, '5'),
     hasSeconds: !!target.seconds,
     seconds: text(target.seconds, '60'),
     hasSpp: !!target.spp,
     spp: text(target.spp, '256'),
     region: regionAsTyped(asRegion(target.region)),
-    width: text(settings.width, ''),
-    height: text(settings.height, ''),
-    maxDepth: settings.max_depth !== null && settings.max_depth > 0 ? text(settings.max_depth, '') : '',
-    technique: settings.technique,
-    isAdaptive: settings.adaptive ?? true,
-    seed: text(settings.seed, '0'),
+    confidence: target.confidence ?? null,
+    share: target.share ?? null,
+    width: text(width, ''),
+    height: text(height, ''),
+    proportions: width && height ? width / height : 1,
+    maxDepth: text(max_depth, ''),
+    technique,
+    isAdaptive: adaptive ?? true,
+    seed: text(seed, '0'),
+    sensor,
+    hasAllSensors: false,
+    camera: camera === null ? OWN_CAMERA : {
+      origin: camera.origin?.join(', ') ?? '', target: camera.target?.join(', ') ?? '', up: camera.up?.join(', ') ?? '', fov: text(camera.fov, ''),
+    }, // prettier-ignore
+    parameters,
+    carried: present(others) as Carried,
+    priority,
   };
 }
+
+/** What is kept though the form does not show it, in a few words. */
+export function carriedInWords({ carried, priority }: Draft): string {
+  const usual = (key: string, value: unknown): boolean => (Array.isArray(value) ? value.length === 0 : key === 'colour' && value === 'auto');
+  const parts = Object.entries(carried)
+    .filter(([key, value]) => !usual(key, value))
+    .map(([key, value]) => `${key.replaceAll('_', ' ')} ${Array.isArray(value) ? value.join(', ') : String(value)}`);
+  return [...parts, ...(priority ? [`priority ${priority}`] : [])].join('; ');
+}
+
+/** The draft for another scene: its size is the scene's own, in its own proportions. */
+export function withScene(draft: Draft, choice: SceneChoice): Draft {
+  const { width, height } = choice.scene;
+  return { ...draft, choice, sensor: null, hasAllSensors: false, camera: OWN_CAMERA, parameters: {}, width: '', height: '', region: '', proportions: draft.proportions === null ? null : width / height };
+}
+
+/** The draft for another sensor of its scene, whose image has a size of its own. */
+export function withSensor(draft: Draft, { index, width, height }: SensorChoice): Draft {
+  if (!draft.choice) return draft;
+  const seen = { ...draft.choice, scene: { ...draft.choice.scene, width, height } } as SceneChoice;
+  return { ...withScene(draft, seen), parameters: draft.parameters, sensor: index };
+}
+
+type Side = 'width' | 'height';
+
+/** A side typed; the other one follows where proportions are kept and both are filled in. */
+export function resized(draft: Draft, side: Side, value: string): Draft {
+  const other: Side = side === 'width' ? 'height' : 'width';
+  const typed = { ...draft, [side]: value };
+  if (draft.proportions === null || draft[other] === '') return typed;
+  return { ...typed, [other]: value.trim() === '' ? '' : (inProportion(side, value, draft.proportions) ?? draft[other]) };
+}
+
+/** Both sides as they will be sent: an empty one follows from the other; both empty: the scene's own. */
+export function sizeOf(draft: Draft): Record<Side, string> {
+  const { width, height } = draft;
+  // An empty side that is free is the scene's own.
+  if (draft.proportions === null || (width === '') === (height === '')) return { width, height };
+  const proportions = draft.choice ? draft.choice.scene.width / draft.choice.scene.height : draft.proportions;
+  return width === ''
+    ? { width: inProportion('height', height, proportions) ?? '', height }
+    : { width, height: inProportion('width', width, proportions) ?? '' };
+}
+
+/** Keeps the proportions that the fields have now, or sets both sides free. */
+export function withProportions(draft: Draft, areKept: boolean): Draft {
+  if (!areKept) return { ...draft, proportions: null };
+  const { width, height } = sizeOf(draft);
+  const typed = Number(width) / Number(height);
+  const own = draft.choice ? draft.choice.scene.width / draft.choice.scene.height : 1;
+  return { ...draft, proportions: typed > 0 && Number.isFinite(typed) ? typed : own };
+}
+
+function inProportion(side: Side, value: string, proportions: number): string | null {
+  const length = Number(value);
+  if (!(length > 0) || !Number.isFinite(length)) return null;
+  return String(Math.max(1, Math.round(side === 'width' ? length / proportions : length * proportions)));
+}
+
+/** Without what was left to the service. */
+const present = (record: object): object =>
+  Object.fromEntries(Object.entries(record).filter(([, value]) => value !== null && value !== undefined));
 
 /** The wire's list of four. */
 export const asRegion = (list: readonly number[] | null | undefined): Region | null =>
@@ -101,6 +197,8 @@ export function furtherTarget(job: Job, region: Region | null): TargetDraft {
     hasSpp: !!target.spp && !target.error,
     spp: String(Math.ceil(4 * Math.max(spp, target.spp ?? 0, 1))),
     region: regionAsTyped(region ?? asRegion(target.region)),
+    confidence: target.confidence ?? null,
+    share: target.share ?? null,
   };
 }
 
@@ -109,6 +207,8 @@ export function targetOf(draft: TargetDraft): Target {
   return {
     ...(region && { region }),
     ...(draft.hasError && { error: +(Number(draft.errorPercent) / 100).toPrecision(8) }),
+    ...(draft.hasError && draft.confidence !== null && { confidence: draft.confidence }),
+    ...(draft.hasError && draft.share !== null && { share: draft.share }),
     ...(draft.hasSeconds && { seconds: Number(draft.seconds) }),
     ...(draft.hasSpp && { spp: Number(draft.spp) }),
   };
@@ -127,9 +227,15 @@ export function targetErrorsOf(draft: TargetDraft): DraftErrors {
 export function errorsOf(draft: Draft): DraftErrors {
   const errors: DraftErrors = targetErrorsOf(draft);
   if (!draft.choice) errors.scene = 'Pick a scene or drop a file.';
-  if (draft.width !== '') errors.width = outside(draft.width, 1, 16_384, 'px', true);
-  if (draft.height !== '') errors.height = outside(draft.height, 1, 16_384, 'px', true);
-  if (draft.maxDepth !== '') errors.max_depth = outside(draft.maxDepth, 1, 1024, '', true);
+  const { width, height } = sizeOf(draft);
+  if (width !== '') errors.width = outside(width, 1, 16_384, 'px', true);
+  if (height !== '') errors.height = outside(height, 1, 16_384, 'px', true);
+  if (draft.maxDepth !== '') errors.max_depth = outside(draft.maxDepth, -1, 1_000_000, '', true);
+  for (const part of ['origin', 'target', 'up'] as const) {
+    if (vectorOf(draft.camera[part]) === undefined) errors[`camera.${part}`] = 'Three numbers: x, y, z.';
+  }
+  const fov = Number(draft.camera.fov);
+  if (draft.camera.fov !== '' && !(fov > 0 && fov < 180)) errors['camera.fov'] = 'Above 0 and below 180 degrees.';
   if (draft.seed !== '') errors.seed = outside(draft.seed, 0, 4_294_967_295, '', true);
   return without(errors);
 }
@@ -137,18 +243,68 @@ export function errorsOf(draft: Draft): DraftErrors {
 export function submissionOf(draft: Draft): Submission {
   if (!draft.choice) throw new Error('no scene chosen');
   const { choice } = draft;
+  const { width, height } = sizeOf(draft);
   return {
     scene: choice.kind === 'gallery' ? { gallery: choice.scene.name } : { id: choice.scene.id },
     target: targetOf(draft),
     settings: {
       technique: draft.technique,
       ...(!draft.isAdaptive && { adaptive: false }),
-      ...(draft.width !== '' && { width: Number(draft.width) }),
-      ...(draft.height !== '' && { height: Number(draft.height) }),
+      ...(width !== '' && { width: Number(width) }),
+      ...(height !== '' && { height: Number(height) }),
       ...(draft.maxDepth !== '' && { max_depth: Number(draft.maxDepth) }),
       ...(draft.seed !== '' && { seed: Number(draft.seed) }),
+      ...(draft.sensor !== null && !draft.hasAllSensors && { sensor: draft.sensor }),
+      ...cameraOf(draft.camera),
+      ...parametersOf(draft.parameters),
+      ...draft.carried,
     },
+    ...(draft.priority !== 0 && { priority: draft.priority }),
   };
+}
+
+/** Three numbers typed; null for none, undefined for anything else. */
+function vectorOf(text: string): number[] | null | undefined {
+  if (text.trim() === '') return null;
+  const numbers = text.trim().split(/[\s,;]+/).map(Number);
+  return numbers.length === 3 && numbers.every(Number.isFinite) ? numbers : undefined;
+}
+
+function cameraOf({ origin, target, up, fov }: CameraDraft): Pick<SettingsRequest, 'camera'> {
+  const camera = { ...vector('origin', origin), ...vector('target', target), ...vector('up', up), ...(fov !== '' && { fov: Number(fov) }) };
+  return Object.keys(camera).length > 0 ? { camera } : {};
+}
+
+function vector<K extends string>(name: K, text: string): Partial<Record<K, number[]>> {
+  const numbers = vectorOf(text);
+  return numbers ? ({ [name]: numbers } as Partial<Record<K, number[]>>) : {};
+}
+
+/** What was typed for each parameter that has any: several values are parted by semicolons. */
+const valuesOf = (typed: Record<string, string>): [string, string[]][] =>
+  Object.entries(typed)
+    .map(([name, text]): [string, string[]] => [name, text.split(';').map((value) => value.trim()).filter((value) => value !== '')]) // prettier-ignore
+    .filter(([, values]) => values.length > 0);
+
+function parametersOf(typed: Record<string, string>): Pick<SettingsRequest, 'parameters'> {
+  const given = valuesOf(typed).filter(([, values]) => values.length === 1);
+  return given.length > 0 ? { parameters: Object.fromEntries(given.map(([name, [value]]) => [name, value])) } : {};
+}
+
+/** All combinations of the values of parameters that have several. */
+function sweepOf(typed: Record<string, string>): Record<string, string>[] {
+  const several = valuesOf(typed).filter(([, values]) => values.length > 1);
+  return several.reduce<Record<string, string>[]>((sets, [name, values]) => sets.flatMap((set) => values.map((value) => ({ ...set, [name]: value }))), [{}]);
+}
+
+/** How many pictures a draft asks for. */
+export const picturesOf = (draft: Draft, sensors: number): number => sweepOf(draft.parameters).length * (draft.hasAllSensors ? sensors : 1);
+
+/** What is sent for several pictures; null where the draft asks for one. */
+export function seriesOf(draft: Draft): SeriesSubmission | null {
+  const sweep = sweepOf(draft.parameters);
+  if (sweep.length < 2 && !draft.hasAllSensors) return null;
+  return { ...submissionOf(draft), ...(draft.hasAllSensors && { sensors: 'all' as const }), ...(sweep.length > 1 && { sweep }) };
 }
 
 const without = (errors: DraftErrors): DraftErrors =>

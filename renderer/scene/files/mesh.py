@@ -31,7 +31,10 @@ _PLY_TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 _MAX_HEADER = 1 << 16
-_HEADER_END = re.compile(rb"end_header\r?\n")
+_HEADER_END = re.compile(rb"\r?\n *end_header *\r?\n")  # a line of its own, not the end of a comment
+_ENCODINGS = ("ascii", "binary_little_endian", "binary_big_endian")
+_NAME = re.compile("[!-~]{1,200}")  # no space or control character
+_CORNERS = ("i0", "i1", "i2")
 _SAMPLED_FROM = 1 << 15  # bytes of text
 _SAMPLED_LINES = 128
 _SERIALIZED_MAGIC = 0x041C
@@ -82,7 +85,7 @@ def _facts(triangles: int, positions: NDArray[Any]) -> MeshFacts:
 @dataclass(frozen=True, slots=True)
 class _PlyLayout:
     """What a PLY header says. row: of a vertex, None in text. where: columns of x, y and z. face: of a triangle, "n"
-    the number of its vertices and "v" their indices, where faces follow the vertices and hold one list each, else None.
+    the number of its vertices and "v" their indices; None where there are no faces.
     """
 
     n: int
@@ -93,14 +96,23 @@ class _PlyLayout:
     face: np.dtype[Any] | None
 
 
+@dataclass(frozen=True, slots=True)
+class _Element:
+    """One element of a PLY header. properties: (name, type) or (name, type of the count, type of the items)."""
+
+    name: str
+    count: int
+    properties: list[tuple[str, ...]]
+
+
 def _read_ply(data: bytes) -> MeshFacts:
     end = _HEADER_END.search(data, 0, _MAX_HEADER)
-    if not data.startswith(b"ply") or end is None:
+    if end is None:
         raise ValueError("no PLY header")
     layout = _ply_layout(data[: end.start()])
     n, start = layout.n, end.end()
     if n == 0:
-        return MeshFacts(layout.n_faces, 0)
+        return MeshFacts(0, 0)
     if layout.row is None:
         rows, rest = _ascii_rows(data[start:], n, layout.n_columns, "vertices")
         positions = rows[:, layout.where]
@@ -129,57 +141,118 @@ def _check_faces(data: bytes, start: int, layout: _PlyLayout) -> None:
 
 
 def _check_indices(corners: NDArray[Any], indices: NDArray[Any], n: int) -> None:
-    """corners: (m,) vertices of each face; where one has not three, Mitsuba refuses the file. indices: (m, 3)."""
-    if (corners == 3).all() and indices.size and (indices.max() >= n or indices.min() < 0):
-        raise ValueError(f"a face names vertex {indices.max():.0f} of {n}")
+    """corners: (m,) vertices of each face. indices: (m, 3)."""
+    if not (corners == 3).all():
+        raise ValueError(f"a face has {corners[corners != 3][0]:g} corners, and 3 are known; triangulate the mesh")
+    if indices.size and not (indices.min() >= 0 and indices.max() < n):
+        wrong = indices.min() if indices.min() < 0 else indices.max()
+        raise ValueError(f"a face names vertex {wrong:.0f} of {n}")
 
 
 @lru_cache(maxsize=256)  # many small meshes have the same header
 def _ply_layout(header: bytes) -> _PlyLayout:
-    text = header.decode("ascii")
-    encoding, elements = _ply_header(text)
-    n_faces = {name: count for name, count, _ in elements}.get("face", 0)
-    if next((name for name, _, _ in elements), "") != "vertex":
+    """What is known of a header. Refuses whatever Mitsuba might read otherwise than we do: what was looked at would
+    then not be what it loads.
+    """
+    encoding, elements = _ply_header(header)
+    vertex = elements[0] if elements else None
+    if vertex is None or vertex.name != "vertex":
         raise ValueError("vertices must come first")
-    _, n, columns = elements[0]
-    names = [name for name, *_ in columns]
-    where = [names.index(axis) for axis in "xyz"] if n else []
+    face = next((one for one in elements if one.name == "face"), None)
+    if face is not None and elements[1] is not face:
+        raise ValueError(f"the element {elements[1].name!r} between vertices and faces is not known; leave it out")
+    if len({one.name for one in elements}) < len(elements):
+        raise ValueError("an element is there twice")
+    names = [name for name, *_ in vertex.properties]
+    if list_ := next((one for one in vertex.properties if len(one) == 3), None):
+        raise ValueError(f"the list {list_[0]!r} among the vertices")
+    where = [names.index(axis) for axis in "xyz"] if vertex.count else []
     order = ">" if encoding == "binary_big_endian" else "<"
-    row = np.dtype([(f"{i}", order + _PLY_TYPES[kind]) for i, (_, kind) in enumerate(columns)])
-    face, properties = None, elements[1][2] if len(elements) > 1 and elements[1][0] == "face" else []
-    if [len(one) for one in properties].count(3) == 1:
-        fields: list[tuple[Any, ...]] = []
-        for i, (_, kind, *index) in enumerate(properties):
-            if index:
-                fields += [("n", order + _PLY_TYPES[kind]), ("v", order + _PLY_TYPES[index[0]], 3)]
-            else:
-                fields.append((f"{i}", order + _PLY_TYPES[kind]))
-        face = np.dtype(fields)
-    return _PlyLayout(n, n_faces, len(names), where, None if encoding == "ascii" else row, face)
+    row = np.dtype([(f"{i}", order + _PLY_TYPES[kind]) for i, (_, kind) in enumerate(vertex.properties)])
+    n_faces = 0 if face is None else face.count
+    if n_faces and not vertex.count:
+        raise ValueError(f"{n_faces} faces without vertices")
+    return _PlyLayout(
+        vertex.count,
+        n_faces,
+        len(names),
+        where,
+        None if encoding == "ascii" else row,
+        _face_row(face, order) if face is not None and n_faces else None,
+    )
 
 
-def _ply_header(text: str) -> tuple[str, list[tuple[str, int, list[tuple[str, ...]]]]]:
-    """Encoding, and name, count and properties of each element: (name, type) or (name, type of count, of item)."""
-    encoding = ""
-    elements: list[tuple[str, int, list[tuple[str, ...]]]] = []
-    for line in text.splitlines():
-        words = line.split()
-        match words:
-            case ["format", kind, _]:
-                encoding = kind
-            case ["element", name, count]:
-                if not 0 <= int(count) < 2**32:
+def _face_row(face: _Element, order: str) -> np.dtype[Any]:
+    """A triangle in the file: one list, its vertices, and what else it holds."""
+    fields: list[tuple[Any, ...]] = []
+    for i, (name, kind, *item) in enumerate(face.properties):
+        if name in _CORNERS:  # Mitsuba's own names for what is in the list
+            raise ValueError(f"a property of the faces is called {name}; rename it")
+        if not item:
+            fields.append((f"{i}", order + _PLY_TYPES[kind]))
+        elif name not in ("vertex_index", "vertex_indices") or "n" in [field for field, *_ in fields]:
+            raise ValueError(f"the list {name!r} of the faces is not known; leave it out")
+        elif not {_PLY_TYPES[kind][0], _PLY_TYPES[item[0]][0]} <= {"i", "u"}:
+            raise ValueError(f"vertices of faces are counted in {kind} and named in {item[0]}; use whole numbers")
+        else:
+            fields += [("n", order + _PLY_TYPES[kind]), ("v", order + _PLY_TYPES[item[0]], 3)]
+    if "n" not in [field for field, *_ in fields]:
+        raise ValueError("the faces have no list vertex_indices")
+    return np.dtype(fields)
+
+
+def _ply_header(header: bytes) -> tuple[str, list[_Element]]:
+    """Encoding and elements. Each line must be one that is known."""
+    encodings: list[str] = []
+    elements: list[_Element] = []
+    # Not splitlines, which parts lines where Mitsuba goes on.
+    first, *lines = header.decode("latin-1").split("\n")
+    if first.rstrip("\r") != "ply":
+        raise ValueError("no PLY header")
+    for line in lines:
+        words = line.rstrip("\r").replace("\t", " ").split(" ")
+        match [word for word in words if word]:
+            case [] | ["comment", *_]:
+                continue
+            case ["format", kind, "1.0"] if kind in _ENCODINGS and not encodings:
+                encodings.append(kind)
+            case ["element", name, count] if _NAME.fullmatch(name) and re.fullmatch("[0-9]{1,10}", count):
+                if int(count) >= 2**32:
                     raise ValueError(f"{count} of {name}")
-                elements.append((name, int(count), []))
-            case ["property", "list", count, item, name]:
-                if elements[-1][0] == "vertex":
-                    raise ValueError("a list among the vertices")
-                elements[-1][2].append((name, count, item))
-            case ["property", kind, name]:
-                elements[-1][2].append((name, kind))
-    if encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
-        raise ValueError(f"unknown encoding {encoding!r}")
-    return encoding, elements
+                elements.append(_Element(name, int(count), []))
+            case ["property", "list", count, item, name] if elements and encodings and _NAME.fullmatch(name):
+                _add(elements[-1], (name, count, item))
+            case ["property", kind, name] if elements and encodings and _NAME.fullmatch(name):
+                _add(elements[-1], (name, kind))
+            case _:
+                raise ValueError(f"the line {line[:60]!r} of its header is not known")
+    if not encodings:
+        raise ValueError("its header names no format")
+    return encodings[0], elements
+
+
+def ply_bytes(data: bytes) -> int:
+    """How long a PLY file must be to hold what its header promises; lists in it are refused. Raises ValueError."""
+    end = _HEADER_END.search(data, 0, _MAX_HEADER)
+    if end is None:
+        raise ValueError("no PLY header")
+    encoding, elements = _ply_header(data[: end.start()])
+    wanted = end.end()
+    for element in elements:
+        if list_ := next((one for one in element.properties if len(one) == 3), None):
+            raise ValueError(f"the list {list_[0]!r} of {element.name!r} is not known; leave it out")
+        sizes = [np.dtype(_PLY_TYPES[kind]).itemsize for _, kind in element.properties]
+        wanted += element.count * (2 * len(sizes) if encoding == "ascii" else sum(sizes))
+    return wanted
+
+
+def _add(element: _Element, found: tuple[str, ...]) -> None:
+    name, *kinds = found
+    if unknown := [kind for kind in kinds if kind not in _PLY_TYPES]:
+        raise ValueError(f"{unknown[0]!r} is no type that is known")
+    if name in [one[0] for one in element.properties]:
+        raise ValueError(f"the property {name!r} of {element.name!r} is there twice")
+    element.properties.append(found)
 
 
 def _ascii_rows(body: bytes, n: int, n_columns: int, what: str) -> tuple[NDArray[np.float64], bytes]:
@@ -198,6 +271,8 @@ def _ascii_rows(body: bytes, n: int, n_columns: int, what: str) -> tuple[NDArray
 
 def _read_obj(data: bytes, exact: bool) -> MeshFacts:
     data = b"\n" + (data.replace(b"\t", b" ") if b"\t" in data else data)
+    if (face := data.find(b"\nf ")) >= 0 and b"-" in data[face + 1 : face + 200].split(b"\n", 1)[0]:
+        raise ValueError("faces count vertices from the end (negative indices), which is not read; use absolute ones")
     if exact or len(data) < _SAMPLED_FROM:
         lines = data.split(b"\n")
         vertices = [line[2:] for line in lines if line[:2] == b"v "]

@@ -13,6 +13,21 @@ from numpy.typing import NDArray
 from renderer.errors import SceneError
 
 _ROWS = 64
+# What Mitsuba reads, by how a file begins, and OpenImageIO's name for it. Names of files say nothing: some choose a
+# reader that makes up a picture, or take options behind a question mark.
+_BEGINNINGS = (
+    (b"\x89PNG\r\n\x1a\n", "png"),
+    (b"\xff\xd8", "jpeg"),
+    (b"v/1\x01", "openexr"),
+    (b"#?", "hdr"),
+    (b"BM", "bmp"),
+    (b"PF", "pnm"),
+    (b"Pf", "pnm"),
+    (b"P6", "pnm"),
+)
+_TARGA_END = b"TRUEVISION-XFILE."
+GRID_HEADER_BYTES = 48
+_GRID_VERSION, _FLOAT32 = 3, 1  # the only ones that Mitsuba reads
 _COLOUR_TOLERANCE = 1 / 512  # half a step of eight bits
 
 
@@ -67,27 +82,76 @@ class _Opened:
     def __enter__(self):
         import OpenImageIO as oiio
 
+        kind = _kind_of(self.path)
         self.image = oiio.ImageInput.open(str(self.path))
         if self.image is None:
             why = " ".join(oiio.geterror().split())[:160].replace(str(self.path), self.path.name)
             raise SceneError(f"{self.path.name}: cannot be read as a picture ({why}); export it again")
+        if self.image.format_name() != kind:
+            self.image.close()
+            raise _no_picture(self.path)
         return self.image
 
     def __exit__(self, *_: object) -> None:
         self.image.close()
 
 
-def read_grid(path: Path) -> int:
-    """Values in a Mitsuba volume file (.vol), from its header, checked against the file's size."""
+def _kind_of(path: Path) -> str:
+    """OpenImageIO's name of a picture's format, as Mitsuba tells it: by its content."""
+    with path.open("rb") as file:
+        start = file.read(8)
+        for beginning, kind in _BEGINNINGS:
+            if start.startswith(beginning):
+                return kind
+        file.seek(max(0, path.stat().st_size - len(_TARGA_END) - 1))
+        if file.read(len(_TARGA_END)) == _TARGA_END:
+            return "targa"
+    raise _no_picture(path)
+
+
+def _no_picture(path: Path) -> SceneError:
+    return SceneError(
+        f"{path.name}: cannot be read as a picture (it is of no format that Mitsuba reads); export it as PNG, JPEG, "
+        "OpenEXR, Radiance, BMP, TGA, PFM or PPM"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class GridFacts:
+    """Numbers of voxels along x, y and z; channels of each."""
+
+    x: int
+    y: int
+    z: int
+    channels: int
+
+    @property
+    def values(self) -> int:
+        """How many numbers there are."""
+        return self.x * self.y * self.z * self.channels
+
+
+def read_grid(path: Path, least: int = 1) -> GridFacts:
+    """What a volume file holds, from its header, checked against the file's size. least: voxels along each side."""
     size = path.stat().st_size
     with path.open("rb") as file:
-        head = file.read(24)
-    if len(head) < 24 or head[:3] != b"VOL":
+        head = file.read(GRID_HEADER_BYTES)
+    if len(head) < GRID_HEADER_BYTES or head[:3] != b"VOL":
         raise SceneError(f"{path.name}: is no Mitsuba volume file (.vol); export it again")
-    kind, x, y, z, channels = struct.unpack_from("<5i", head, 4)
-    values = x * y * z * channels
-    if kind != 1 or min(x, y, z, channels) < 1 or 4 * values > size:
+    version, kind, x, y, z, channels = struct.unpack_from("<B5i", head, 3)
+    found = GridFacts(x, y, z, channels)
+    if (
+        version != _GRID_VERSION
+        or kind != _FLOAT32
+        or min(x, y, z, channels) < 1
+        or GRID_HEADER_BYTES + 4 * found.values > size
+    ):
         raise SceneError(
             f"{path.name}: damaged volume file, its header promises {x}×{y}×{z}×{channels} values; export it again"
         )
-    return values
+    if min(x, y, z) < least:
+        raise SceneError(f"{path.name}: a volume of {x}×{y}×{z} values; this kind needs {least} along each side")
+    corners = struct.unpack_from("<6f", head, 24)
+    if not np.isfinite(corners).all():
+        raise SceneError(f"{path.name}: damaged volume file, its bounds are {corners}; export it again")
+    return found

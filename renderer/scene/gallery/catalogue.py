@@ -4,7 +4,20 @@ from __future__ import annotations
 
 from renderer.errors import SceneError
 
-from . import caustic, cornell_box, furnace, gap, glass_sky, many_lights, materials, plates, ring_sky
+from . import (
+    caustic,
+    cloudy_glass,
+    cornell_box,
+    fog,
+    furnace,
+    gap,
+    glass_sky,
+    many_lights,
+    materials,
+    plates,
+    ring_sky,
+    smoke,
+)
 from .gallery_scene import GalleryScene
 
 _SCENES = (
@@ -16,6 +29,9 @@ _SCENES = (
     caustic.SCENE,
     many_lights.SCENE,
     gap.SCENE,
+    fog.SCENE,
+    smoke.SCENE,
+    cloudy_glass.SCENE,
     furnace.SCENE,
 )
 

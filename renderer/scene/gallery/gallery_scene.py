@@ -17,7 +17,7 @@ class GalleryScene:
     name: stable identifier in lower case with hyphens ("cornell-box"), used in URLs and commands.
     title: for people. teaches: one sentence on what a user sees in its error map.
     width, height: natural film size in pixels. build: makes a fresh Mitsuba dictionary, and
-    starts the backend if nothing has yet.
+    starts the backend if nothing has yet. has_media: whether it has participating media, of which lessons know nothing.
     """
 
     name: str
@@ -26,6 +26,7 @@ class GalleryScene:
     width: int
     height: int
     build: Callable[[], dict[str, Any]]
+    has_media: bool = False
 
     @property
     def thumbnail(self) -> Path:

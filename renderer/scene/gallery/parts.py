@@ -19,10 +19,9 @@ Vector: TypeAlias = tuple[float, float, float]
 Plugin: TypeAlias = dict[str, Any]
 
 
-def scene(sensor: Plugin, max_depth: int, contents: dict[str, Plugin]) -> Plugin:
+def scene(sensor: Plugin, max_depth: int, contents: dict[str, Plugin], integrator: str = "path") -> Plugin:
     """A whole scene. `max_depth` is advice: deep enough that a deeper path changes nothing visible."""
-    integrator = {"type": "path", "max_depth": max_depth}
-    return {"type": "scene", "integrator": integrator, "sensor": sensor, **contents}
+    return {"type": "scene", "integrator": {"type": integrator, "max_depth": max_depth}, "sensor": sensor, **contents}
 
 
 def camera(origin: Vector, target: Vector, fov: float, width: int, height: int) -> Plugin:

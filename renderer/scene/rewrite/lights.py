@@ -11,11 +11,12 @@ import numpy as np
 
 from renderer.backend import mitsuba
 from renderer.errors import SceneError
-from renderer.scene.geometry import Placed, children
+from renderer.scene.geometry import Placed, children, meters
 from renderer.scene.rewrite.emission import is_zero
 from renderer.scene.source import Parsed
 from renderer.scene.vet.nodes import number, properties, vector
 
+NO_AREA_TO_METER = "the irradiance meter is on a shape that has no area; give it some size"
 _EMISSION = ("radiance", "intensity", "irradiance")
 
 
@@ -33,12 +34,15 @@ def without_dark_lights(state: Any, parsed: Parsed) -> tuple[Any, list[str]]:
 
 
 def without_flat_shapes(state: Any, parsed: Parsed) -> tuple[Any, list[str]]:
-    """A copy without shapes of zero area, and a note on each. Raises SceneError if one of them is a light."""
+    """A copy without shapes of zero area, and a note on each. Raises SceneError where one is a light, or metered."""
     mi = mitsuba()
     made = mi.parser.ParserState(state)
+    metered = set(meters(made).values())
     flat = {shape.index for shape in parsed.shapes if has_no_area(made, shape)}
     for index in sorted(flat):
         node = made.nodes[index]
+        if index in metered:
+            raise SceneError(f"{parsed.place(parsed.state.nodes[index])}: {NO_AREA_TO_METER}")
         if any(made.nodes[inner].type == mi.ObjectType.Emitter for _, inner in children(made, node)):
             raise SceneError(
                 f"{parsed.place(parsed.state.nodes[index])}: the {node.props.plugin_name()} is a light without area, "

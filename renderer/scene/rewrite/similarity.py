@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
 from renderer.scene.geometry import Box, children, matrix_of
+from renderer.scene.plugins import having
 from renderer.scene.rewrite.emission import Unscalable, scale_emission
 from renderer.scene.vet.nodes import number, properties, value_of, vector
 
@@ -103,7 +104,7 @@ def apply(state: Any, similarity: Similarity) -> Any:
         elif rule is not None:
             rule(made, node, similarity)
         elif node.type in (mi.ObjectType.Sensor, mi.ObjectType.Medium) or (
-            node.type == mi.ObjectType.Emitter and node.props.plugin_name() not in _SAME
+            node.type == mi.ObjectType.Emitter and node.props.plugin_name() not in having("lengthless")
         ):
             raise Unscalable(f"{node.props.plugin_name()} has lengths that are not known")
     return made
@@ -111,16 +112,10 @@ def apply(state: Any, similarity: Similarity) -> Any:
 
 # ------------------------------ Rules by plugin ------------------------------
 
-# Emitters at infinity and on shapes: their radiance and irradiance do not depend on the unit of length.
-_SAME = frozenset("area directionalarea directional constant envmap sunsky timed_sunsky".split())
-_SHAPES = frozenset(
-    "cube cylinder disk instance obj ply rectangle sdfgrid serialized sphere".split(),
-)
-
 
 def _shape(state: Any, node: Any, similarity: Similarity) -> None:
     plugin = node.props.plugin_name()
-    if plugin not in _SHAPES and similarity.scale != 1:
+    if plugin not in having("grows") and similarity.scale != 1:
         raise Unscalable(f"{plugin} has radii that do not grow with its transform")
     _transform(node, similarity)
 
@@ -247,6 +242,7 @@ _RULES: dict[str, Callable[[Any, Any, Similarity], None]] = {
     "projector": _projector,
     "bumpmap": _bump_map,
     "gridvolume": _grid,
+    "constvolume": _grid,  # in a heterogeneous medium it fills its own unit cube, and nothing else
     "homogeneous": _medium,
     "heterogeneous": _medium,
 }

@@ -17,9 +17,11 @@ from typing import Any
 
 from renderer.backend import mitsuba
 from renderer.errors import SceneError
+from renderer.scene.files.tables import check_spectrum
 from renderer.scene.limits import SceneLimits
-from renderer.scene.vet.plugins import INTEGRATORS, SAMPLERS, check_plugin
-from renderer.scene.vet.references import check_reference, leads_out
+from renderer.scene.vet.budget import Budget
+from renderer.scene.vet.plugins import INTEGRATORS, SAMPLERS, SHAPES, check_plugin
+from renderer.scene.vet.references import check_reference, leads_out, meant
 
 _TRANSFORMS = frozenset({"to_world", "to_uv"})
 _UNTYPED = frozenset({"rgb", "spectrum", "ref"})  # dictionaries that are values, not plugins
@@ -39,12 +41,30 @@ def read_document(text: bytes, name: str, folder: Path, limits: SceneLimits) -> 
         document = json.loads(text, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:
         raise SceneError(f"{name}:{error.lineno}: not well-formed JSON ({error.msg}); mend that line") from None
-    except (UnicodeDecodeError, RecursionError, ValueError) as error:
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{name}: byte {error.start} is no {error.encoding.upper()}; save it as UTF-8 JSON") from None
+    except (RecursionError, ValueError) as error:
         why = "nested too deep" if isinstance(error, RecursionError) else str(error)[:100]
         raise SceneError(f"{name}: cannot be read as JSON ({why}); save it as UTF-8 JSON") from None
     if not isinstance(document, dict):
         raise SceneError(f'{name}: the document is no object; write {{"type": "scene", …}}')
     return _Reader(folder, limits).scene(document)
+
+
+def check_values(found: dict[Any, Any], where: str) -> None:
+    """Refuses values in a Mitsuba dictionary that end its reader in a bare TypeError, or the process."""
+    for key, value in found.items():
+        if not isinstance(key, str):
+            raise SceneError(f"{where}: {key!r} cannot be a name; names are texts")
+        place = f"{where}.{key}"
+        if isinstance(value, dict):
+            check_values(value, place)
+        elif value is None:
+            raise SceneError(f"{place}: None is no value for a scene; leave the entry out")
+        elif isinstance(value, (set, frozenset, bytes, range)) or callable(value):
+            raise SceneError(
+                f"{place}: a {type(value).__name__} is no value for a scene; give a number, text or dictionary"
+            )
 
 
 def _refuse_constant(text: str) -> Any:
@@ -58,6 +78,7 @@ class _Reader:
         self.folder = folder
         self.limits = limits
         self.n_objects = 0
+        self.budget = Budget(limits)
 
     def scene(self, document: dict[str, Any]) -> dict[str, Any]:
         if document.get("type") != "scene":
@@ -73,6 +94,8 @@ class _Reader:
         plugin = found.get("type")
         if not isinstance(plugin, str):
             raise SceneError(f'{where}: "type" is {plugin!r}; name the plugin, for example "sphere"')
+        if plugin not in _UNTYPED:
+            self.budget.count(where, is_shape=plugin in SHAPES)
         if plugin not in _UNTYPED and not (plugin in INTEGRATORS or plugin in SAMPLERS):
             check_plugin(plugin, where)
         if plugin == "scene" and depth > 1:
@@ -85,6 +108,8 @@ class _Reader:
         return made
 
     def value(self, key: str, value: Any, where: str, depth: int, plugin: str) -> Any:
+        if isinstance(value, str):
+            self.budget.text(key, value, where)
         if key in _TRANSFORMS:
             return transform(value, where)
         if isinstance(value, dict):
@@ -96,9 +121,15 @@ class _Reader:
             and self.limits.is_confined
             and (key.lower().endswith("filename") or leads_out(value))
         ):
-            check_reference(value, self.folder, self.folder, where)
-            if key.lower().endswith("filename") and not (self.folder / value).is_file():
+            check_reference(value, self.limits.root or self.folder, [self.folder], where)
+            is_missing = not (self.folder / value).is_file() and meant(value, [self.folder]) is None
+            if key.lower().endswith("filename") and is_missing:
                 raise SceneError(f"{where}: {value[:200]!r} is missing; put that file beside the scene")
+        if plugin == "spectrum" and key == "filename" and isinstance(value, str) and (self.folder / value).is_file():
+            try:
+                check_spectrum(self.folder / value)
+            except SceneError as error:
+                raise SceneError(f"{where}: {error}") from None
         if isinstance(value, (bool, str)):
             return value
         if isinstance(value, (int, float)):

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from renderer.backend import mitsuba
+from renderer.backend import mitsuba, mitsuba_folder
 from renderer.errors import SceneError
+from renderer.scene.files.tables import check_spectrum
 from renderer.scene.limits import SceneLimits
+from renderer.scene.plugins import having
 from renderer.scene.vet.plugins import check_plugin, is_allowed, is_of_kind
 from renderer.scene.vet.references import is_outside, leads_out
 
+# Without one of these Mitsuba ends the process instead of saying so.
+_NEEDED = {"bitmap": ("filename", "bitmap", "data"), "blendbsdf": ("weight",)}
 _MAY_BE_INFINITE = frozenset({"far_clip"})
 
 
@@ -33,6 +38,11 @@ def check_nodes(state: Any, folder: Path | None, limits: SceneLimits, place: Any
         if not is_of_kind(node.props.plugin_name(), node.type.name):
             kind = node.type.name.lower()
             raise SceneError(f"{place(node)}: {node.props.plugin_name()!r} is no {kind}; mend its tag or its type")
+        needed = _NEEDED.get(node.props.plugin_name(), ())
+        if needed and not any(key in node.props for key in needed):
+            raise SceneError(f"{place(node)}: {node.props.plugin_name()!r} has no {needed[0]}; add it")
+        if node.props.plugin_name() in having("metal"):
+            _check_metal(value_of(node, "material"), folder, place, node)
         for key, value in properties(node):
             if isinstance(value, made):
                 raise SceneError(
@@ -101,8 +111,34 @@ def _check_text(key: str, value: str, folder: Path | None, limits: SceneLimits, 
     if not limits.is_confined or folder is None:
         return
     is_file = key.lower().endswith("filename")
-    if (is_file and is_outside(value, folder, folder)) or (not is_file and leads_out(value)):
+    root = limits.root or folder
+    if (is_file and is_outside(value, root, [folder])) or (not is_file and leads_out(value)):
         raise SceneError(f"{place(node)}: {value[:200]!r} is outside the upload; put the file beside the scene")
+
+
+def _check_metal(material: Any, folder: Path | None, place: Any, node: Any) -> None:
+    """A metal is the name of a file among Mitsuba's data, which it would look for in the working folder as well."""
+    if not isinstance(material, str) or material in _metals():
+        return
+    # One that leads elsewhere is no name of a metal: whether something is there must not show.
+    data = None if folder is None or leads_out(material) else folder / "data" / "ior"
+    own = [] if data is None else [data / f"{material}.{part}.spd" for part in ("eta", "k")]
+    if not own or not all(path.is_file() for path in own):
+        raise SceneError(
+            f"{place(node)}: the material {material[:80]!r} is not known; choose one of Mitsuba's, for example "
+            "Au or Al, or give eta and k"
+        )
+    for path in own:
+        try:
+            check_spectrum(path)
+        except SceneError as error:
+            raise SceneError(f"{place(node)}: {error}") from None
+
+
+@cache
+def _metals() -> frozenset[str]:
+    files = (mitsuba_folder() / "data" / "ior").glob("*.eta.spd")
+    return frozenset({"none", *(path.name.removesuffix(".eta.spd") for path in files)})
 
 
 def _is_finite(value: Any) -> bool:

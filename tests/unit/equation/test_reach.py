@@ -9,7 +9,8 @@ import pytest
 
 import renderer
 from renderer import Settings
-from renderer.backend import mitsuba
+from renderer.backend import mitsuba, using
+from renderer.equation.reach import is_specular
 
 
 def scene(emitters: dict[str, Any], *, glass: bool = False) -> renderer.Scene:
@@ -65,3 +66,22 @@ def test_a_light_on_a_shape_that_cannot_be_sampled_is_not_seen_by_emitter_sampli
 def test_many_lights_are_counted_by_kind() -> None:
     lamps = {f"lamp{i}": {"type": "point", "position": [i, 0, 2]} for i in range(9)}
     assert lost(scene(lamps), "bsdf") == ("9 × point light",)
+
+
+@pytest.mark.parametrize(
+    ("bsdf", "is_narrow"),
+    [
+        ({"type": "principled", "roughness": 0.1}, True),  # its α is the square
+        ({"type": "principled", "roughness": 0.2}, False),
+        ({"type": "principled", "roughness": 0.5, "clearcoat": 1.0, "clearcoat_gloss": 0.95}, True),
+        ({"type": "principled", "roughness": 0.5, "clearcoat": 1.0, "clearcoat_gloss": 0.0}, False),
+        ({"type": "roughconductor", "alpha": 0.01}, True),
+        ({"type": "roughconductor", "alpha": 0.05}, False),
+        ({"type": "twosided", "inner": {"type": "principled", "roughness": 0.1}}, True),
+        ({"type": "diffuse"}, False),
+        ({"type": "dielectric"}, True),
+    ],
+)
+def test_lobes_that_are_as_narrow_as_a_mirrors_count_as_mirrors(bsdf: dict[str, Any], is_narrow: bool) -> None:
+    with using("llvm_ad_rgb"):
+        assert is_specular(mitsuba().load_dict(bsdf)) == is_narrow

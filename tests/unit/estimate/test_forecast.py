@@ -121,3 +121,13 @@ def test_no_curve_is_too_odd(upper: float, target: float) -> None:
     curve = [CurvePoint(p.seconds, p.spp, p.error, upper * p.error) for p in ideal(6)]
     found = forecast([*curve[:-1], CurvePoint(9.0, 80.0, 0.2, 0.21)], target)
     assert found is None or 0 <= found.low <= found.seconds_left <= found.high < math.inf
+
+
+def test_before_adaptive_rounds_begin_a_forecast_allows_for_what_they_save() -> None:
+    curve = ideal(12)
+    target = curve[-1].error / 4
+    level, ahead = forecast(curve, target), forecast(curve, target, is_level_so_far=True)
+    assert level is not None
+    assert ahead is not None
+    assert ahead.seconds_left < level.seconds_left < ahead.high
+    assert ahead.low < 0.7 * level.seconds_left

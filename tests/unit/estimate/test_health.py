@@ -27,6 +27,9 @@ def test_an_image_of_few_replicates_is_uncertain() -> None:
     health = estimate(3).health
     assert (health.status, health.untrusted) == ("uncertain", 1.0)
     assert "100 % of the pixels" in health.sentences()[0]
+    assert health.needs_samples == 48
+    assert "12 replicates: 48 samples per pixel" in health.sentences()[0]
+    assert estimate(12).health.needs_samples is None
 
 
 def test_samples_that_were_not_finite_degrade_it() -> None:

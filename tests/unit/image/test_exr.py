@@ -17,7 +17,7 @@ import renderer
 from renderer.errors import CheckpointError
 from renderer.estimate.error import image_error
 from renderer.estimate.estimate import Estimate, Identity
-from renderer.estimate.moments import Moments
+from renderer.estimate.moments import STOKES, Moments
 from renderer.image import exr
 
 WIDTH, HEIGHT = 7, 5
@@ -74,7 +74,8 @@ def test_every_float64_survives(tmp_path: Path, seed: int) -> None:
     pick = lambda *shape: rng.choice(EXTREMES, shape) * rng.choice([1.0, -1.0], shape)  # noqa: E731
     whole = lambda: rng.integers(0, 2**40, N)  # noqa: E731
     moments = Moments(
-        whole(), pick(N, 3), np.abs(pick(N, 4)), pick(N), whole(), np.abs(pick(N)), whole(), whole(), whole()
+        *(whole(), pick(N, 3), np.abs(pick(N, 4)), pick(N), whole(), np.abs(pick(N)), whole(), whole(), whole()),
+        *((pick(N, STOKES), np.abs(pick(N, STOKES))) if seed % 2 else (np.zeros((N, 0)), np.zeros((N, 0)))),
     )
     estimate(moments).write(tmp_path / "a.exr")
     assert_same_bits(Estimate.read(tmp_path / "a.exr").moments, moments)
@@ -86,7 +87,7 @@ def test_a_file_from_before_segments_were_counted_is_still_read(
     with monkeypatch.context() as older:
         whole = exr._exact_array
         older.setattr(exr, "FORMAT_VERSION", 2)
-        older.setattr(exr, "MOMENT_CHANNELS", exr.OLDER[2])
+        older.setattr(exr, "MOMENT_CHANNELS", exr.NAMES_BY_FORMAT[2])
         older.setattr(exr, "_exact_array", lambda e: np.ascontiguousarray(whole(e)[..., :-2]))
         estimate().write(tmp_path / "a.exr")
     read, written = Estimate.read(tmp_path / "a.exr").moments, estimate().moments
@@ -136,7 +137,20 @@ def test_pixels_without_samples_look_like_their_neighbours_but_count_nothing(tmp
     spec, pixels = read_part(tmp_path / "a.exr")
     assert (pixels[..., :3] == [1, 2, 3]).all()
     assert pixels[..., spec.channelnames.index("count")].sum() == 1
-    assert np.isfinite(pixels).all()
+    known = [i for i, name in enumerate(spec.channelnames) if not name.startswith("stderr")]
+    assert np.isfinite(pixels[..., known]).all()
+
+
+@pytest.mark.parametrize("replicates", [0, 1, 2])
+def test_a_standard_error_that_is_not_known_is_infinite_and_never_zero(tmp_path: Path, replicates: int) -> None:
+    moments = Moments.empty(N)
+    for k in range(replicates):
+        moments.add(slice(None), np.full((N, 3), 1.0 + k, np.float32), np.zeros(N, np.uint32), 4)
+    estimate(moments).write(tmp_path / "a.exr")
+    spec, pixels = read_part(tmp_path / "a.exr")
+    for c in "RGBY":
+        found = pixels[..., spec.channelnames.index(f"stderr.{c}")]
+        assert (found == 0.5).all() if replicates == 2 else (found == np.inf).all()
 
 
 def test_metadata_say_what_it_is_how_it_was_made_and_how_good_it_is(tmp_path: Path) -> None:
@@ -164,7 +178,10 @@ def test_metadata_say_what_it_is_how_it_was_made_and_how_good_it_is(tmp_path: Pa
 def test_an_error_that_is_not_known_is_not_in_the_metadata(tmp_path: Path) -> None:
     estimate(Moments.empty(N)).write(tmp_path / "a.exr")
     spec, _ = read_part(tmp_path / "a.exr")
-    assert spec.getattribute("fredholm:error") is None
+    for name in ("error", "error_upper", "estimated_rel_mse"):
+        assert spec.getattribute(f"fredholm:{name}") is None
+    why = spec.getattribute("fredholm:error_unknown")
+    assert why == "not yet known: 0 % of the pixels have two replicates, 100 % no sample"
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (300, 2)])
@@ -294,3 +311,27 @@ def test_estimates_with_and_without_channels_are_estimates_of_the_same_thing() -
 def test_an_unknown_channel_is_refused_by_name() -> None:
     with pytest.raises(renderer.errors.SettingsError, match="channel 'colour' is not known"):
         renderer.Settings(channels=("colour",))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-9, 1e9])
+def test_a_pictures_standard_errors_are_never_flushed_to_zero_or_infinity(tmp_path: Path, scale: float) -> None:
+    """Half precision holds them to three digits where its range allows that; else they stay whole."""
+    rng = np.random.default_rng(1)
+    moments = Moments.empty(64)
+    for _ in range(4):
+        values = (scale * rng.uniform(0.5, 1.5, (64, 3))).astype(np.float32)
+        moments.add(slice(None), values, np.zeros(64, np.uint32), 4, np.ones(64, np.uint32))
+    estimate = Estimate(8, 8, 4, moments, Identity("a" * 64, "a", {}, 0), ranges=((0, 4),))
+    estimate.write_picture(tmp_path / "a.exr")
+    image = oiio.ImageBuf(str(tmp_path / "a.exr"))
+    names, pixels = list(image.spec().channelnames), image.get_pixels()
+    assert pixels is not None
+    for i, name in enumerate(("stderr.R", "stderr.G", "stderr.B", "stderr.Y")):
+        assert pixels[..., names.index(name)] == pytest.approx(estimate.stderr[..., i], rel=1e-3)
+    assert np.array_equal(np.stack([pixels[..., names.index(c)] for c in "RGB"], -1), estimate.filled())
+    estimate.write_picture(tmp_path / "h.exr", half=True)
+    half = oiio.ImageBuf(str(tmp_path / "h.exr"))
+    pixels = half.get_pixels()
+    assert pixels is not None
+    found = pixels[..., [list(half.spec().channelnames).index(c) for c in "RGB"]]
+    assert found == pytest.approx(estimate.filled(), rel=1e-3)

@@ -8,7 +8,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from renderer.image.picture import to_srgb8, write_png
+from renderer.image.picture import ToneMap, to_srgb8
+from tests.files import write_png
 
 
 def grey(*values: float) -> np.ndarray:
@@ -87,3 +88,22 @@ def test_a_view_with_strides_is_written_like_its_copy(tmp_path: Path) -> None:
 def test_a_png_that_cannot_be_written_is_an_error_that_names_it(tmp_path: Path) -> None:
     with pytest.raises(OSError, match=r"a\.png"):
         write_png(str(tmp_path / "none" / "a.png"), np.zeros((1, 1, 3), np.uint8))
+
+
+@pytest.mark.parametrize("tone", ["srgb", "filmic", "reinhard"])
+def test_every_tone_map_keeps_black_and_order_up_to_the_largest_number(tone: ToneMap) -> None:
+    values = to_srgb8(grey(0, *np.geomspace(1e-6, 3e38, 500)), tone=tone)[0, :, 1].astype(int)
+    assert values[0] == 0
+    assert (np.diff(values) >= 0).all()
+
+
+def test_tone_maps_are_their_published_formulas() -> None:
+    def encoded(linear: float) -> int:
+        return round(255 * (1.055 * linear ** (1 / 2.4) - 0.055))
+
+    filmic = (0.18 * (2.51 * 0.18 + 0.03)) / (0.18 * (2.43 * 0.18 + 0.59) + 0.14)
+    assert to_srgb8(grey(0.18), tone="filmic")[0, 0, 0] == encoded(filmic)
+    # By luminance: the ratios of the channels stay.
+    red = to_srgb8(np.array([[[4.0, 1.0, 0.0]]], np.float32), tone="reinhard")[0, 0].tolist()
+    white = 1 + 4 * 0.2126 + 0.7152
+    assert red == [255, encoded(1 / white), 0]

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from renderer.cli import app
 from renderer.errors import SettingsError
 from renderer.measure import model as measured
 from renderer.measure.model import median_interval, omissions
 from renderer.scene.compile import load_scene
 from renderer.settings import Settings
+from service.command.main import app
 
 
 def test_what_the_lean_model_leaves_out_is_named() -> None:

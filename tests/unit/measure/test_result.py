@@ -54,6 +54,47 @@ def test_efficiency_is_relative_to_the_default() -> None:
     assert found.relative_efficiency(found.rows[2]) == pytest.approx(2)
 
 
+def noisy_curve(rng: np.random.Generator, variance_time: float, spread: float, start: float) -> tuple[Point, ...]:
+    """Work of each stretch off by so much, after seconds of start-up; errors are known to 1 %."""
+    seconds = np.geomspace(0.05, 3.0, 20)
+    work = np.cumsum(np.diff(seconds, prepend=0) / variance_time * np.exp(spread * rng.standard_normal(20)))
+    errors = 1 / np.sqrt(work)
+    return tuple(Point(s + start, 100 * s, e, 0.99 * e, 1.01 * e) for s, e in zip(seconds, errors, strict=True))
+
+
+@pytest.mark.parametrize("truth", [1.0, 3.0])
+def test_the_interval_of_a_ratio_holds_the_truth(truth: float) -> None:
+    """At least 90 % of 300 for intervals of 95 %; fewer are seen once in 10,000 times."""
+    rng = np.random.default_rng(5)
+    held = said = 0
+    for _ in range(300):
+        of_default, of_other = (noisy_curve(rng, constant, 0.2, 0.3) for constant in (0.01, 0.01 / truth))
+        found = measurement(row("emitter", 1.0, curve=of_other))
+        found = replace(found, rows=(replace(found.default, curve=of_default), found.rows[1]))
+        interval = found.efficiency_interval(found.rows[1])
+        assert interval is not None
+        held += interval[0] <= truth <= interval[1]
+        said += "no difference seen" not in text_of(found)
+    assert held >= 270
+    assert said <= 30 if truth == 1 else said > 290
+
+
+def test_no_ratio_is_said_without_an_interval_that_leaves_1_out() -> None:
+    alike = measurement(row("bsdf", 0.0098))
+    assert alike.efficiency_interval(alike.rows[1]) is not None
+    assert "no difference seen" in text_of(alike)
+    assert "1.02 ×" not in text_of(alike)
+    clear = measurement(row("bsdf", 0.04))
+    low, high = clear.efficiency_interval(clear.rows[1]) or (0, 0)
+    assert low < 0.25 < high < 1
+    assert f"0.25 × ({low:.2f}–{high:.2f})" in text_of(clear)
+    short = row("bsdf", 0.04, curve=curve(0.04)[-3:])
+    assert measurement(short).efficiency_interval(short) is None
+    assert "0.25 ×" not in text_of(measurement(short))
+    doubted = row("bsdf", 0.04, share_trusted=0.1, share_found=0.3)
+    assert measurement(doubted).efficiency_interval(doubted) is None
+
+
 def test_the_recommendation_is_the_setting_of_least_error() -> None:
     found = measurement(row("bsdf", 0.04), row("emitter", 0.005))
     best = found.recommended(60)
@@ -96,7 +137,7 @@ def test_nothing_found_is_said_and_not_divided_by() -> None:
 
 
 def text_of(found: Measurement) -> str:
-    console = Console(width=150, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console = Console(width=170, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
     console.print(settings_table(found))
     return console.export_text()
 
@@ -114,6 +155,9 @@ def test_json_holds_curves_times_and_recommendations() -> None:
     assert first["variance_time"] == pytest.approx(0.01)
     assert [t["target"] for t in first["time_to"]] == list(TARGETS)
     assert [t["measured"] for t in first["time_to"]] == [True, False, False, False]
+    low, high = found["settings"][1]["relative_efficiency_interval"]
+    assert low < found["settings"][1]["relative_efficiency"] < high
+    assert first["relative_efficiency_interval"] is None
     assert {"seconds", "spp", "error", "low", "high", "true_error"} == set(first["curve"][0])
     assert found["recommended"][0]["name"] == "mis"
 

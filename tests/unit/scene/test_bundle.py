@@ -59,7 +59,8 @@ def unpack_digest(folder: Path, *entries: tuple[str, bytes]) -> str:
         ("C:/windows/x", "absolute path"),
         ("../out.xml", "leads out of the zip"),
         ("a/../../out.xml", "leads out of the zip"),
-        ("a\\..\\out.xml", "backslash"),
+        ("a\\..\\..\\out.xml", "leads out of the zip"),
+        ("\\\\server\\out.xml", "absolute path"),
         ("a\x1bb.xml", "control character"),
         ("a/" * 40 + "x", "too long or too deep"),
         ("x" * 300, "too long or too deep"),
@@ -79,20 +80,48 @@ def test_links_are_refused(tmp_path: Path) -> None:
         unpacked(tmp_path, ("scene.xml", b"<scene/>"), (link("a.ply"), b"/etc/passwd"))
 
 
-def test_names_that_differ_only_in_case_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("other", ["A.PLY", "caf\u00e9/a.ply cafe\u0301/a.ply", "stra\u00dfe.ply strasse.ply"])
+def test_names_that_are_one_name_on_some_systems_are_refused(tmp_path: Path, other: str) -> None:
+    first, second = other.split() if " " in other else ("a.ply", other)
     with pytest.raises(BundleError, match="twice"):
-        unpacked(tmp_path, ("scene.xml", b"<scene/>"), ("a.PLY", b"1"), ("A.ply", b"2"))
+        unpacked(tmp_path, ("scene.xml", b"<scene/>"), (first, b"1"), (second, b"2"))
+    assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_where_a_folder_is_needed_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BundleError, match="cannot be unpacked"):
-        unpacked(tmp_path, ("a", b"1"), ("a/scene.xml", b"<scene/>"))
+@pytest.mark.parametrize(
+    ("file", "inner"), [("a", "a/b"), ("A", "a/b"), ("m/A.ply", "m/a.PLY/x"), ("\u00e9", "e\u0301/x")]
+)
+def test_a_name_of_a_file_and_a_folder_is_refused(tmp_path: Path, file: str, inner: str) -> None:
+    for entries in (((file, b"1"), (inner, b"2")), ((inner, b"2"), (file, b"1"))):
+        with pytest.raises(BundleError, match="is a file and a folder"):
+            unpacked(tmp_path, ("scene.xml", b"<scene/>"), *entries)
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_bombs_are_refused_before_anything_is_written(tmp_path: Path) -> None:
     with pytest.raises(BundleError, match="50 times its packed size"):
         unpacked(tmp_path, ("scene.xml", b"<scene/>"), ("zeros", bytes(3 << 20)))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_tightly_packed_file_of_moderate_size_is_taken(tmp_path: Path) -> None:
+    """A volume grid of zeros packs a thousand to one, and is no bomb: half of what a bundle may hold is free."""
+    assert unpacked(tmp_path, ("scene.xml", b"<scene/>"), ("grid.vol", bytes(2 << 20))).scene == "scene.xml"
+    assert (tmp_path / "grid.vol").stat().st_size == 2 << 20
+
+
+@pytest.mark.parametrize("name", ["._scene.xml", "room/._scene.xml", "__MACOSX/scene.xml", "room/__MACOSX/._a.xml"])
+@pytest.mark.parametrize("more", ["Thumbs.db", "room/.DS_Store", "textures/desktop.ini"])
+def test_what_systems_leave_beside_the_files_is_left_out(tmp_path: Path, name: str, more: str) -> None:
+    bundle = unpacked(tmp_path, (name, b"fork"), ("room/scene.xml", b"<scene/>"), (more, b"x"))
+    assert bundle.scene == "room/scene.xml"
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["scene.xml"]
+
+
+def test_paths_written_with_backslashes_are_folders(tmp_path: Path) -> None:
+    bundle = unpacked(tmp_path, ("room\\", b""), ("room\\scene.xml", b"<scene/>"), ("room\\maps\\a.png", b"png"))
+    assert bundle.scene == "room/scene.xml"
+    assert (tmp_path / "room" / "maps" / "a.png").read_bytes() == b"png"
 
 
 def test_too_much_is_refused(tmp_path: Path) -> None:
@@ -150,3 +179,9 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 )
 def test_names_are_shown_without_paths_and_controls(given: str, shown: str) -> None:
     assert shown_name(given) == shown
+
+
+def test_a_name_that_is_no_text_is_told_in_plain_words(tmp_path: Path) -> None:
+    packed = zipped(("scene.xml", b"<scene/>"), ("é.ply", b"ply")).getvalue().replace("é".encode(), b"\x80\xa9")
+    with pytest.raises(BundleError, match=r"damaged \(a name that is no text\); pack it again"):
+        unpack(io.BytesIO(packed), "room.zip", tmp_path, LIMITS)

@@ -80,7 +80,7 @@ def test_a_scene_has_the_film_and_depth_it_states(entry: GalleryScene) -> None:
     film = scene["sensor"]["film"]
     assert (film["width"], film["height"]) == (entry.width, entry.height)
     assert film["rfilter"]["type"] in ("box", "gaussian")
-    assert scene["integrator"]["type"] == "path"
+    assert scene["integrator"]["type"] in ("path", "volpath")
     assert scene["integrator"]["max_depth"] >= 2
 
 

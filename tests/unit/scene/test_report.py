@@ -9,10 +9,11 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from renderer.cli import app
+import renderer
 from renderer.errors import UnsupportedScene
 from renderer.scene import gallery
 from renderer.scene.report import inspect_scene
+from service.command.main import app
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "scenes"
 NAMES = sorted(path.parent.name for path in SHARED.glob("*/scene.xml")) or ["none"]
@@ -61,12 +62,12 @@ def test_the_command_prints_a_page_or_a_line_of_json() -> None:
 def test_what_is_not_supported_is_told_with_everything_else(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     path.write_text(
-        '<scene version="3.0.0"><sensor type="perspective"/>\n<medium type="homogeneous"/><shape type="cube"/></scene>'
+        '<scene version="3.0.0"><sensor type="perspective"/>\n<film type="specfilm"/><shape type="cube"/></scene>'
     )
     result = CliRunner().invoke(app, ["inspect", str(path), "--json"])
     assert isinstance(result.exception, UnsupportedScene)
-    assert json.loads(result.stdout)["media"] == {"homogeneous": 1}
-    assert "scene.xml:2: participating media" in str(result.exception)
+    assert json.loads(result.stdout)["shapes"] == {"cube": 1}
+    assert "scene.xml:2: bands of a spectral film" in str(result.exception)
 
 
 def room(**walls: Any) -> dict[str, Any]:
@@ -84,3 +85,25 @@ def test_a_closed_room_with_the_light_outside_is_warned_of() -> None:
 def test_a_room_of_glass_or_with_a_lamp_is_not() -> None:
     for walls in ({"bsdf": {"type": "thindielectric"}}, {"emitter": {"type": "area"}}):
         assert not inspect_scene(room(**walls))["warnings"]
+
+
+def test_a_mirror_beyond_what_floats_hold_ends_no_inspection() -> None:
+    contents = {
+        "type": "scene",
+        "sensor": {"type": "perspective", "film": {"type": "hdrfilm", "width": 8, "height": 6}},
+        "ball": {"type": "sphere", "radius": 1e300, "center": [1, 0, 0], "bsdf": {"type": "plastic"}},
+        "cube": {"type": "cube"},
+        "lamp": {"type": "point"},
+    }
+    assert inspect_scene(contents)["shapes"] == {"sphere": 1, "cube": 1}
+
+
+def test_a_group_without_shapes_is_refused_by_its_place() -> None:
+    """Mitsuba takes it, and no kernel of any scene beside it can then be compiled."""
+    contents = {"type": "scene", "sensor": {"type": "perspective"}, "empty": {"type": "shapegroup"}}
+    with pytest.raises(
+        UnsupportedScene, match=r"scene\.empty: a shapegroup holds no shape; put one into it, or take it out"
+    ):
+        renderer.load_scene(contents)
+    full = {**contents, "empty": {"type": "shapegroup", "ball": {"type": "sphere"}}}
+    assert renderer.load_scene({**full, "one": {"type": "sphere"}}).requirements.shapes["shapegroup"] == 1

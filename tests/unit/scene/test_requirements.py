@@ -10,6 +10,7 @@ import pytest
 from renderer.errors import SceneError, UnsupportedScene
 from renderer.scene.requirements import Requirements, measure, refuse_unsupported
 from renderer.scene.source import parse
+from renderer.settings import STOKES
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "scenes"
 SENSOR = {"type": "perspective", "film": {"type": "hdrfilm", "width": 4, "height": 4}}
@@ -65,20 +66,17 @@ def test_what_the_scene_asks_of_its_integrator_is_kept(
 @pytest.mark.parametrize(
     ("inside", "named"),
     [
-        ('  <medium type="homogeneous" id="fog"/>', r"scene\.xml:3: .*participating media.*homogeneous"),
         (
-            '  <shape type="sphere">\n    <medium name="interior" type="heterogeneous">\n'
-            '    <volume name="albedo" type="constvolume"/></medium></shape>',
-            r"scene\.xml:4: .*participating media.*heterogeneous",
+            '  <shape type="sphere">\n\n    <bsdf type="polarizer"/><medium type="homogeneous"/></shape>',
+            r"scene\.xml:5: polarised light.*media.*polarizer",
         ),
         (
-            '  <shape type="sphere">\n\n    <bsdf type="polarizer"/></shape>',
-            r"scene\.xml:5: .*polarised light.*polarizer",
+            '  <medium type="homogeneous" id="fog"/><bsdf type="mask"><bsdf type="retarder"/></bsdf>',
+            r"scene\.xml:3: .*media.*retarder",
         ),
-        ('  <bsdf type="twosided"><bsdf type="retarder"/></bsdf>', r"scene\.xml:3: .*retarder"),
-        ('  <integrator type="stokes"><integrator type="path"/></integrator>', r"scene\.xml:3: .*stokes"),
+        ('  <integrator type="volprim_rf_basic"/>', r"scene\.xml:3: .*volprim_rf_basic"),
     ],
-    ids=["medium", "medium in a shape", "polariser", "nested retarder", "stokes"],
+    ids=["polarised fog", "nested retarder", "radiance field"],
 )
 def test_what_is_not_modelled_is_refused_with_its_name_and_line(tmp_path: Path, inside: str, named: str) -> None:
     with pytest.raises(UnsupportedScene, match=named):
@@ -86,8 +84,32 @@ def test_what_is_not_modelled_is_refused_with_its_name_and_line(tmp_path: Path, 
 
 
 def test_a_refusal_of_a_dictionary_names_the_node() -> None:
-    with pytest.raises(UnsupportedScene, match=r"fog.*participating media"):
-        refuse_unsupported(measured(fog={"type": "homogeneous"}))
+    with pytest.raises(UnsupportedScene, match=r"film.*bands of a spectral film"):
+        refuse_unsupported(measured(eye={"type": "perspective", "film": {"type": "specfilm"}}))
+
+
+@pytest.mark.parametrize(
+    ("parts", "asks"),
+    [
+        ({"pane": {"type": "polarizer"}}, "polarizer"),
+        ({"ball": {"type": "sphere", "bsdf": {"type": "mask", "inner": {"type": "circular"}}}}, "circular"),
+        ({"integrator": {"type": "stokes", "inner": {"type": "path", "max_depth": 3}}}, "stokes"),
+        ({"ball": {"type": "sphere", "bsdf": {"type": "pplastic"}}}, None),
+    ],
+    ids=["polariser", "nested", "integrator", "what Mitsuba renders without, too"],
+)
+def test_what_asks_for_polarised_light_is_named(parts: dict[str, Any], asks: str | None) -> None:
+    found = measured(**parts)
+    assert found.polarised_by == asks
+    assert (STOKES in found.channels, "polarisation" in found.features) == (asks is not None, asks is not None)
+    refuse_unsupported(found)
+
+
+def test_polarised_light_has_no_red_green_and_blue_alone() -> None:
+    red = {"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [1, 0, 0]}}}
+    assert measured(ball=red).variant == "rgb"
+    assert measured(ball=red, pane={"type": "polarizer"}).variant == "spectral"
+    assert measured(pane={"type": "polarizer"}).variant == "mono"
 
 
 def test_a_scene_without_a_sensor_is_refused_with_an_example() -> None:
@@ -96,17 +118,17 @@ def test_a_scene_without_a_sensor_is_refused_with_an_example() -> None:
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="there is no folder of shared scenes beside the checkout")
-@pytest.mark.parametrize(
-    ("name", "cause"),
-    [("vol-cbox", "participating media"), ("hetvol", "participating media"), ("cbox-polarized", "polarised light")],
-)
-def test_scenes_from_elsewhere_that_need_more_are_refused_with_their_file(name: str, cause: str) -> None:
-    with pytest.raises(UnsupportedScene, match=rf"scene\.xml:\d+: .*{cause}"):
-        refuse_unsupported(measure(parse(SHARED / name / "scene.xml")))
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason="there is no folder of shared scenes beside the checkout")
 def test_veach_mis_has_the_depth_and_lights_of_its_file() -> None:
     found = measure(parse(SHARED / "veach-mis" / "scene.xml"))
     assert found.emitters == {"area": 3} or sum(found.emitters.values()) >= 3
     assert found.max_depth == 3
+
+
+def test_what_no_audit_looks_for_is_said() -> None:
+    parts: dict[str, Any] = {
+        "glass": {"type": "sphere", "bsdf": {"type": "dielectric"}},
+        "floor": {"type": "rectangle", "bsdf": {"type": "diffuse"}},
+    }
+    assert measured(**parts).unheard == ()
+    assert "not looked for" in measured(**parts, pane={"type": "polarizer"}).unheard[0]
+    assert measured(floor=parts["floor"], integrator={"type": "stokes", "inner": {"type": "path"}}).unheard == ()

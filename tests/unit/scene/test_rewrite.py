@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 
 from renderer.backend import mitsuba
-from renderer.errors import SettingsError
+from renderer.errors import SceneError, SettingsError
 from renderer.scene.compile import load_scene
+from renderer.scene.report import inspect_scene
 from renderer.scene.rewrite import check_size, neutralise_unused
-from renderer.settings import Settings
+from renderer.settings import Settings, image_size
 
 CROP = {"crop_offset_x": 2, "crop_offset_y": 3, "crop_width": 10, "crop_height": 5}
 
@@ -65,16 +66,47 @@ def test_a_crop_window_is_kept_where_no_size_is_asked_for() -> None:
     assert tuple(film.size()) == (40, 30)
 
 
-@pytest.mark.parametrize("asked", [(80, 60), (10, 5), (20, None)])
-def test_a_new_size_drops_the_crop_window(asked: tuple[int, int | None]) -> None:
-    film = {"type": "hdrfilm", "width": 40, "height": 30, **CROP}
-    loaded = load_scene(scene(film), settings=Settings(width=asked[0], height=asked[1]))
-    assert (loaded.width, loaded.height) == (asked[0], asked[1] or 15)
-    assert tuple(loaded.sensor.film().crop_offset()) == (0, 0)
+@pytest.mark.parametrize(
+    ("asked", "size", "film", "offset"),
+    [
+        ((20, None), (20, 10), (80, 60), (4, 6)),
+        ((None, 10), (20, 10), (80, 60), (4, 6)),
+        ((10, 5), (10, 5), (40, 30), (2, 3)),
+        ((30, 5), (30, 5), (120, 30), (6, 3)),
+        ((5, None), (5, 2), (20, 12), (1, 1)),
+    ],
+)
+def test_a_size_scales_a_crop_window_with_its_film(
+    asked: tuple[int | None, int | None], size: tuple[int, int], film: tuple[int, int], offset: tuple[int, int]
+) -> None:
+    """What is pictured stays the same: also where the size asked for is the crop's own, as a checkpoint has it."""
+    loaded = load_scene(scene({"type": "hdrfilm", "width": 40, "height": 30, **CROP}), settings=Settings(*asked))
+    made = loaded.sensor.film()
+    assert (loaded.width, loaded.height) == size == tuple(int(n) for n in made.crop_size())
+    assert (tuple(made.size()), tuple(made.crop_offset())) == (film, offset)
 
 
-def test_an_image_of_the_size_asked_for_is_given_even_if_the_film_has_it_and_a_crop_window() -> None:
-    assert size_of(scene({"type": "hdrfilm", "width": 40, "height": 30, **CROP}), 40, 30) == (40, 30)
+@pytest.mark.parametrize("asked", [{"width": 200}, {"height": 200}, {"width": 200, "height": 200}, {}])
+def test_every_door_gives_a_cropped_film_the_same_size(asked: dict[str, int]) -> None:
+    """The package gave 200×100, the service 200×200."""
+    film = {"type": "hdrfilm", "width": 400, "height": 200, "crop_width": 100, "crop_height": 100}
+    source = scene(film | {"crop_offset_x": 50, "crop_offset_y": 20})
+    found = inspect_scene(source)
+    size = image_size((found["width"], found["height"]), asked.get("width"), asked.get("height"))
+    assert size == ((200, 200) if asked else (100, 100))
+    settings = Settings(asked.get("width"), asked.get("height"))
+    first = load_scene(source, settings=settings)
+    again = load_scene(source).sized(settings)
+    for loaded in (first, again, load_scene(source, settings=Settings(*size))):
+        assert (loaded.width, loaded.height) == size
+        assert loaded.film == ([800, 400, 100, 40, 200, 200] if asked else [400, 200, 50, 20, 100, 100])
+
+
+def test_a_crop_window_that_leaves_its_film_is_refused_at_every_size() -> None:
+    film = {"type": "hdrfilm", "width": 40, "height": 30, **CROP, "crop_offset_x": 35}
+    for width in (None, 10, 20, 7):
+        with pytest.raises(SceneError, match=r"crop|Crop"):
+            load_scene(scene(film), settings=Settings(width=width))
 
 
 @pytest.mark.parametrize("film", [{"width": 16385, "height": 8}, {"width": 8, "height": 20000}])

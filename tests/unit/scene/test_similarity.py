@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from renderer.backend import mitsuba
-from renderer.image.picture import write_png
 from renderer.progress import render
 from renderer.scene.compile import load_scene
 from renderer.scene.geometry import bounds, placed_shapes
@@ -22,6 +21,7 @@ from renderer.scene.rewrite.emission import Unscalable
 from renderer.scene.rewrite.similarity import Similarity, apply, choose
 from renderer.scene.source import parse
 from renderer.settings import Settings, Target
+from tests.files import write_png
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "scenes"
 LARGER, SMALLER = Similarity(2.0**7, (1.0, -2.0, 0.5)), Similarity(2.0**-3)

@@ -12,11 +12,11 @@ import pytest
 from renderer.backend import mitsuba
 from renderer.errors import MergeError, SceneError
 from renderer.estimate.estimate import merge
-from renderer.image.picture import write_png
 from renderer.progress import render
 from renderer.scene.compile import load_scene
 from renderer.scene.source import parse
 from renderer.settings import Settings, Target
+from tests.files import write_png
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "scenes"
 
@@ -302,7 +302,7 @@ def test_an_image_with_hidden_lights_is_not_merged_with_one_that_shows_them() ->
 def test_a_crop_window_and_a_whole_film_of_the_same_size_are_not_merged() -> None:
     cropped = ball(sensor__film__crop_width=4, sensor__film__crop_height=3)
     window = question(cropped, Settings(seed=1))
-    whole = question(cropped, Settings(width=4, height=3, seed=2))
+    whole = question(ball(sensor__film__width=4, sensor__film__height=3), Settings(seed=2))
     assert (window.width, window.height) == (whole.width, whole.height) == (4, 3)
     with pytest.raises(MergeError):
         merge(window, whole)

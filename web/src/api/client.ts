@@ -1,13 +1,14 @@
 /** Requests to the service. All addresses are relative to the page, and every call takes an AbortSignal. */
 import type { FrameRequest } from '../frame/puller';
 import { Problem, problemFrom } from './problem';
-import type { GalleryScene, Job, PixelReading, Requirements, Submission, Target, UploadedScene } from './types';
+import type { ToneMap } from '../viewer/scene';
+import type { GalleryScene, Job, PixelReading, Requirements, Series, SeriesSubmission, Submission, Target, UploadedScene } from './types';
 
 export const jobPath = (id: string): string => `api/jobs/${encodeURIComponent(id)}`;
 export const exrPath = (id: string): string => `${jobPath(id)}/image.exr`;
 export const jsonPath = (id: string): string => jobPath(id);
-export const pngPath = (id: string, exposure: number, seq?: number): string =>
-  `${jobPath(id)}/image.png?exposure=${exposure}${seq === undefined ? '' : `&seq=${seq}`}`;
+export const pngPath = (id: string, exposure: number, tone: ToneMap, seq?: number): string =>
+  `${jobPath(id)}/image.png?exposure=${exposure}&tone=${tone}${seq === undefined ? '' : `&seq=${seq}`}`;
 
 export async function getJson<T>(path: string, signal?: AbortSignal): Promise<T> {
   const response = await fetch(path, { signal, headers: { accept: 'application/json' } });
@@ -29,13 +30,16 @@ export async function postJson<T>(path: string, body: unknown, signal?: AbortSig
 export const listGallery = (signal?: AbortSignal): Promise<GalleryScene[]> => getJson('api/gallery', signal);
 export const listScenes = (signal?: AbortSignal): Promise<UploadedScene[]> => getJson('api/scenes', signal);
 
-export async function listJobs(signal?: AbortSignal): Promise<Job[]> {
-  return (await getJson<{ jobs: Job[] }>('api/jobs?limit=200', signal)).jobs;
-}
+/** The newest jobs, at most 1000, or those older than the job `before`; and how many there are in all. */
+export const listJobs = (limit: number, before?: string, signal?: AbortSignal): Promise<{ jobs: Job[]; total: number }> =>
+  getJson(`api/jobs?limit=${Math.min(limit, 1000)}${before === undefined ? '' : `&before=${encodeURIComponent(before)}`}`, signal);
 
 export const getJob = (id: string, signal?: AbortSignal): Promise<Job> => getJson(jobPath(id), signal);
 export const submitJob = (submission: Submission, signal?: AbortSignal): Promise<Job> =>
   postJson('api/jobs', submission, signal);
+export const seriesZipPath = (id: string): string => `api/series/${encodeURIComponent(id)}/images.zip`;
+export const submitSeries = (submission: SeriesSubmission, signal?: AbortSignal): Promise<Series> =>
+  postJson('api/series', submission, signal);
 export const cancelJob = (id: string): Promise<Job> => postJson(`${jobPath(id)}/cancel`, undefined);
 export const pauseJob = (id: string): Promise<Job> => postJson(`${jobPath(id)}/pause`, undefined);
 export const resumeJob = (id: string): Promise<Job> => postJson(`${jobPath(id)}/resume`, undefined);

@@ -24,7 +24,7 @@ export interface StreamOptions {
   random?: () => number;
 }
 
-export const EVENT_TYPES = ['hello', 'job', 'progress', 'deleted', 'ping'] as const;
+export const EVENT_TYPES = ['hello', 'job', 'progress', 'deleted', 'queue', 'ping'] as const;
 const CLOSED = 2;
 const SILENCE_MS = 40_000;
 const LONGEST_WAIT_MS = 15_000;

@@ -1,6 +1,6 @@
 /** Requests of the Learn view. */
 import { getJson } from './client';
-import type { RunningMoments } from './messages';
+import type { Bounces, IntegralEstimate, IntegralRuns, LightPaths, LightPoints, RunningMoments } from './messages';
 import { problemFrom } from './problem';
 import type { FirstVertex, Technique } from './types';
 
@@ -11,14 +11,49 @@ export const firstVertex = (scene: string, x: number, y: number, signal: AbortSi
   getJson(path(scene, '', { x, y }), signal);
 
 export const runningEstimate = (
-  scene: string, x: number, y: number, technique: Technique, first: number, count: number, signal: AbortSignal,
-): Promise<RunningMoments[]> => getJson(path(scene, '/samples', { x, y, technique, first, count }), signal); // prettier-ignore
+  scene: string, x: number, y: number, technique: Technique, first: number, count: number, signal: AbortSignal, maxDepth?: number,
+): Promise<RunningMoments[]> =>
+  getJson(path(scene, '/samples', { x, y, technique, first, count, ...(maxDepth !== undefined && { max_depth: maxDepth }) }), signal); // prettier-ignore
 
-/** Arriving radiance over the map of directions, as a frame's bytes. */
-export async function incidentMap(
+/** The pixel's luminance by the number of reflections, of samples first … first + count. */
+export const bounces = (scene: string, x: number, y: number, first: number, count: number, signal: AbortSignal): Promise<Bounces> =>
+  getJson(path(scene, '/bounces', { x, y, first, count }), signal);
+
+/** Paths from the pixel's centre, a few from number `first` on. */
+export const lightPaths = (scene: string, x: number, y: number, first: number, signal: AbortSignal): Promise<LightPaths> =>
+  getJson(path(scene, '/paths', { x, y, first }), signal);
+
+/** n points on the scene's lights as seen from the pixel's surface. */
+export const lightPoints = (scene: string, x: number, y: number, n: number, signal: AbortSignal): Promise<LightPoints> =>
+  getJson(path(scene, '/light-points', { x, y, n }), signal);
+
+/** Arriving radiance over the map of directions, as a frame's bytes; weighted: times f·cosθ. */
+export const incidentMap = (
   scene: string, x: number, y: number, replicates: number, weighted: boolean, signal: AbortSignal,
-): Promise<ArrayBuffer> {
-  const response = await fetch(path(scene, '/incident', { x, y, replicates, weighted }), { signal });
+): Promise<ArrayBuffer> => getBytes(path(scene, '/incident', { x, y, replicates, weighted }), signal); // prettier-ignore
+
+/** f·cosθ over the map of directions. */
+export const kernelMap = (scene: string, x: number, y: number, signal: AbortSignal): Promise<ArrayBuffer> =>
+  getBytes(path(scene, '/kernel', { x, y }), signal);
+
+/** A function between two limits, and the density that points are drawn with. */
+export interface Integral {
+  f: string;
+  a: number;
+  b: number;
+  density: string;
+}
+
+const query = (of: object): string => String(new URLSearchParams(Object.entries(of).map(([key, value]) => [key, String(value)])));
+
+export const estimateIntegral = (of: Integral, n: number, seed: number, signal: AbortSignal): Promise<IntegralEstimate> =>
+  getJson(`api/integral?${query({ ...of, n, seed })}`, signal);
+
+export const integralRuns = (of: Integral, n: number, signal: AbortSignal): Promise<IntegralRuns> =>
+  getJson(`api/integral/runs?${query({ ...of, n })}`, signal);
+
+async function getBytes(path: string, signal: AbortSignal): Promise<ArrayBuffer> {
+  const response = await fetch(path, { signal });
   if (!response.ok) throw problemFrom(response.status, await response.text());
   return await response.arrayBuffer();
-} // prettier-ignore
+}

@@ -1,5 +1,36 @@
 /** Written by `python -m service.typescript` from the service's OpenAPI document; do not edit. */
 
+/** A pixel's luminance by the number of reflections. All moments are of the same samples, and parts merge. */
+export interface Bounces {
+  /** after 0 reflections: emitted; after 1: lit by lights; after 2, … */
+  terms: RunningMoments[];
+  /** after more reflections than there are terms */
+  more: RunningMoments;
+  /** all but what is emitted */
+  reflected: RunningMoments;
+  total: RunningMoments;
+}
+
+/** What differs from the sensor as the scene has it; null: nothing. */
+export interface Camera {
+  origin?: number[] | null;
+  target?: number[] | null;
+  up?: number[] | null;
+  fov?: number | null;
+}
+
+/** Where a perspective or thinlens sensor stands and looks, in the scene's units; null is as the scene has it. */
+export interface CameraRequest {
+  /** x, y, z; alone it leaves the direction of the view */
+  origin?: number[] | null;
+  /** x, y, z of a point that it looks at */
+  target?: number[] | null;
+  /** direction that is up in the picture */
+  up?: number[] | null;
+  /** degrees, along the sensor's fov_axis */
+  fov?: number | null;
+}
+
 /** Why a job failed, and what to try. */
 export interface Cause {
   title: string;
@@ -12,11 +43,15 @@ export interface ContinueRequest {
   target: TargetRequest;
 }
 
-/** One point of the convergence curve. */
+/**
+ * One point of the convergence curve. upper: the bound of the error, which decides about a target; null where
+ * there is none.
+ */
 export interface CurvePoint {
   seconds: number;
   spp: number;
   error: number;
+  upper?: number | null;
 }
 
 /** A job is gone, with its pictures. */
@@ -60,6 +95,9 @@ export interface FirstVertex {
   map_height: number;
   /** radians of θ from the normal: π/2, or π where light passes */
   polar_range: number;
+  /** direction towards the camera, on the map */
+  camera_u: number;
+  camera_v: number;
   directions: Record<string, Directions>;
 }
 
@@ -105,6 +143,8 @@ export interface GalleryScene {
   height: number;
   /** relative address of a PNG */
   thumbnail: string;
+  /** whether the Learn view knows it: not where there are participating media */
+  has_lesson: boolean;
 }
 
 /** The server answers. */
@@ -118,15 +158,69 @@ export interface Hello {
   last_event_id: number;
 }
 
-/** What to know before believing a picture. invalid: samples that were not finite; untrusted: share of pixels. */
+/**
+ * What to know before believing a picture. invalid: samples that were not finite; untrusted: share of pixels.
+ *
+ * needs_samples: samples per pixel from which error bars can be believed, where most pixels have fewer. mixed:
+ * versions and kinds of device that rendered it, where there are several.
+ */
 export interface ImageHealth {
   status: "good" | "uncertain" | "degraded";
   invalid: number;
   invalid_pixels: number;
   empty_pixels: number;
   untrusted: number;
+  needs_samples?: number | null;
+  mixed?: string[];
   cannot_see: string[];
   warnings: string[];
+  /** light that samples hardly ever meet, in sentences */
+  hidden?: string[];
+}
+
+/** Whether p is a density with which f may be sampled. */
+export interface IntegralConditions {
+  /** ∫ p as it was given; p is divided by it. Null where it is not finite */
+  mass: number | null;
+  is_positive: boolean;
+  /** where p is below zero, or no number */
+  negative_at: number | null;
+  /** share of ∫ |f| where p is zero: no point ever sees it */
+  unseen: number;
+}
+
+/** f and p at places x; null where they are no numbers. */
+export interface IntegralCurve {
+  x: number[];
+  f: (number | null)[];
+  p: (number | null)[];
+}
+
+/** An integral of one dimension from n points. Null is what a single point cannot tell. */
+export interface IntegralEstimate {
+  value: number;
+  n: number;
+  /** V, of one point */
+  variance: number | null;
+  /** √(V/n) */
+  standard_error: number | null;
+  /** of the 95 % interval */
+  low: number | null;
+  high: number | null;
+  /** by quadrature */
+  truth: number;
+  /** how far off that may be */
+  truth_error: number;
+  conditions: IntegralConditions;
+  curve: IntegralCurve;
+  points: IntegralCurve;
+}
+
+/** Estimates of many runs: values[run][i] is from counts[i] points. */
+export interface IntegralRuns {
+  counts: number[];
+  values: number[][];
+  truth: number;
 }
 
 /** One job. error: relative (0.031 = 3.1 %); seconds: of rendering; frame_seq 0: no frame yet. */
@@ -151,15 +245,23 @@ export interface Job {
   queue_position: number | null;
   /** estimated; null unless queued, or while it cannot be told */
   expected_start: string | null;
+  /** what keeps it from going on, such as room on disk */
+  waits_for?: string | null;
   forecast: Forecast | null;
   share_within: number | null;
   share_trusted: number | null;
   invalid: number;
   /** what the error is below, with the target's confidence */
   error_upper?: number | null;
+  /** why the error is null, where there is a picture */
+  error_unknown?: string | null;
+  /** samples in a replicate; null before the first picture */
+  replicate_size?: number | null;
   health?: ImageHealth | null;
   cause: Cause | null;
   warnings: string[];
+  /** the same for jobs that were queued together */
+  series?: string | null;
 }
 
 /** One job with its convergence curve. */
@@ -184,21 +286,34 @@ export interface JobDetail {
   queue_position: number | null;
   /** estimated; null unless queued, or while it cannot be told */
   expected_start: string | null;
+  /** what keeps it from going on, such as room on disk */
+  waits_for?: string | null;
   forecast: Forecast | null;
   share_within: number | null;
   share_trusted: number | null;
   invalid: number;
   /** what the error is below, with the target's confidence */
   error_upper?: number | null;
+  /** why the error is null, where there is a picture */
+  error_unknown?: string | null;
+  /** samples in a replicate; null before the first picture */
+  replicate_size?: number | null;
   health?: ImageHealth | null;
   cause: Cause | null;
   warnings: string[];
+  /** the same for jobs that were queued together */
+  series?: string | null;
   curve: CurvePoint[];
 }
 
-/** Jobs, newest first. */
+/**
+ * Jobs, newest first. total: how many there are, those beyond this list included. unreadable: told to those who see
+ * everyone's jobs, where there are any.
+ */
 export interface JobList {
   jobs: Job[];
+  total: number;
+  unreadable?: UnreadableRow[];
 }
 
 /** A picture to be rendered. */
@@ -208,6 +323,85 @@ export interface JobRequest {
   settings?: SettingsRequest;
   /** among one's own jobs; higher goes first */
   priority?: number;
+}
+
+/** One sample of the radiance at a pixel's centre by technique `bsdf`. */
+export interface LightPath {
+  number: number;
+  vertices: PathVertex[];
+  /** of what the vertices add */
+  sum: number;
+}
+
+/** Paths from one pixel. */
+export interface LightPaths {
+  paths: LightPath[];
+  /** whether the camera's projection is known: points have columns and rows */
+  is_placed: boolean;
+}
+
+/** A point p′ on a light, seen from p. Lengths are in the scene's units, light is luminance. */
+export interface LightPoint {
+  /** where it lies in the picture, in pixels from its left and top edge */
+  column: number | null;
+  row: number | null;
+  /** whether the light is a surface; skies, points and directions have no area form */
+  has_area: boolean;
+  /** V: nothing lies between */
+  is_visible: boolean;
+  distance: number | null;
+  /** at p */
+  cos_theta: number;
+  /** at p′; not positive: the lamp shows its back */
+  cos_light: number | null;
+  /** G = cosθ cosθ′ / distance² */
+  geometry: number | null;
+  /** BSDF towards the camera */
+  f: number | null;
+  /** Le towards p */
+  emitted: number | null;
+  /** density of the point, per solid angle at p */
+  pdf: number | null;
+  /** the same, per area */
+  pdf_area: number | null;
+  /** f Le V G / pdf_area */
+  estimate: number;
+}
+
+/** Points on the lights of a scene; none where no light can be sampled. */
+export interface LightPoints {
+  points: LightPoint[];
+  /** whether the camera's projection is known: points have columns and rows */
+  is_placed: boolean;
+}
+
+/** A vertex of a path. Lengths are in the scene's units, light is luminance; null where there is no such number. */
+export interface PathVertex {
+  /** null where the path leaves the scene */
+  position: number[] | null;
+  /** where it lies in the picture, in pixels from its left and top edge */
+  column: number | null;
+  row: number | null;
+  /** the path leaves the scene */
+  is_sky: boolean;
+  /** from the camera, straight */
+  is_seen: boolean;
+  /** of the ray that comes here */
+  direction: number[];
+  /** from the vertex before, or from the camera's near plane */
+  distance: number | null;
+  /** what shines from here towards the vertex before */
+  emitted: number;
+  /** what the path carries when it gets here */
+  throughput: number;
+  /** what the vertex adds to the pixel: their product, channel by channel */
+  added: number;
+  /** of the next direction */
+  cos_theta: number | null;
+  /** density of the next direction, per solid angle */
+  pdf: number | null;
+  /** f·cosθ of the next direction; null for mirrors and clear glass too */
+  f_cos: number | null;
 }
 
 /** Nothing happened, and the connection is well. */
@@ -253,7 +447,23 @@ export interface ProgressMessage {
   invalid: number;
   /** what the error is below, with the target's confidence */
   error_upper?: number | null;
+  /** why the error is null, where there is a picture */
+  error_unknown?: string | null;
+  /** samples in a replicate; null before the first picture */
+  replicate_size?: number | null;
   health?: ImageHealth | null;
+}
+
+/** All queued jobs that one may see, next first: it replaces whatever was known of their places. */
+export interface Queue {
+  places: QueuePlace[];
+}
+
+/** Where a queued job stands. position: 1 = next; expected_start: estimated, null while it cannot be told. */
+export interface QueuePlace {
+  id: string;
+  position: number;
+  expected_start: string | null;
 }
 
 /** Whether jobs start at once, and if not, what is missing. */
@@ -278,6 +488,10 @@ export interface Requirements {
   texture_pixels: number;
   media: Record<string, number>;
   sensors: Record<string, number>;
+  /** in the scene's order; empty for a scene taken in by an older version */
+  sensor_choices?: SensorChoice[];
+  /** the scene's <default> parameters: default by name, long ones cut */
+  parameters?: Record<string, string>;
   /** estimated, of the loaded scene without the picture */
   memory_bytes: number;
   low: number[] | null;
@@ -285,6 +499,8 @@ export interface Requirements {
   is_coloured: boolean;
   coloured_by: string | null;
   variant: "mono" | "rgb" | "spectral";
+  /** what asks for polarised light; null: nothing does */
+  polarised_by?: string | null;
   /** what the kernel has to contain */
   features: string[];
   /** as the scene asks; -1 = unlimited */
@@ -299,11 +515,15 @@ export interface Requirements {
   unsupported: string[];
 }
 
-/** Moments of the first n samples of a part. m2: sum of squared deviations. */
+/** Moments of the first n samples of a part. m2, m3, m4: sums of powers of the deviations from the mean. */
 export interface RunningMoments {
   n: number;
   mean: number;
   m2: number;
+  m3: number;
+  m4: number;
+  /** samples that found any light */
+  lit: number;
 }
 
 /** An uploaded scene. requirements: null for a scene taken in by an older version. */
@@ -330,6 +550,36 @@ export interface SceneName {
   name: string;
 }
 
+/** A sensor of a scene; its name may be empty. width, height: of its image. */
+export interface SensorChoice {
+  index: number;
+  name: string;
+  plugin: string;
+  width: number;
+  height: number;
+}
+
+/** Jobs that were queued together, in order. done: how many have succeeded; ended: or failed, or were cancelled. */
+export interface Series {
+  id: string;
+  jobs: Job[];
+  done: number;
+  ended: number;
+}
+
+/** Pictures of one scene that are queued together: each sensor with each set of values, to the target each. */
+export interface SeriesRequest {
+  scene: SceneChoice;
+  target: TargetRequest;
+  settings?: SettingsRequest;
+  /** among one's own jobs; higher goes first */
+  priority?: number;
+  /** by name or index; null: that of the settings */
+  sensors?: "all" | (string | number)[] | null;
+  /** values for the scene's parameters beside those of the settings, one set each */
+  sweep?: (Record<string, string | number | boolean>)[];
+}
+
 /** Who asks. client null: no keys are asked for. */
 export interface Session {
   client: string | null;
@@ -352,6 +602,14 @@ export interface Settings {
   adaptive?: boolean;
   colour?: string;
   channels?: string[];
+  /** index of the scene's sensor; null: the first, by default */
+  sensor?: number | null;
+  independent_pixels?: boolean | null;
+  /** null: as the scene has it */
+  camera?: Camera | null;
+  /** of the scene, that were given */
+  parameters?: Record<string, string>;
+  guide?: "off" | "on";
 }
 
 /** Which estimator; what is left out comes from the scene. */
@@ -366,8 +624,18 @@ export interface SettingsRequest {
   adaptive?: boolean;
   /** auto: the leanest that fits */
   colour?: "auto" | "mono" | "rgb" | "spectral";
-  /** also in the EXR */
-  channels?: ("albedo" | "normal" | "depth" | "position" | "shape_index")[];
+  /** also in the EXR; what the scene asks for comes unnamed; stokes renders polarised light */
+  channels?: ("albedo" | "normal" | "depth" | "position" | "shape_index" | "alpha" | "stokes")[];
+  /** which of the scene's, by name or by index from 0; null: the first */
+  sensor?: string | number | null;
+  /** true: each sample counts in one pixel alone; null: in all that the filter reaches */
+  independent_pixels?: boolean | null;
+  /** instead of where the scene puts its sensor */
+  camera?: CameraRequest | null;
+  /** values for the scene's <default> parameters, which its requirements list */
+  parameters?: Record<string, string | number | boolean>;
+  /** on: learn first where light comes from; for light that arrives by bounces */
+  guide?: "off" | "on";
 }
 
 /** Where a job is. */
@@ -397,4 +665,10 @@ export interface TargetRequest {
   share?: number | null;
   /** x, y, width, height: the pixels whose error counts */
   region?: number[] | null;
+}
+
+/** A job whose row this version cannot read. */
+export interface UnreadableRow {
+  id: string;
+  reason: string;
 }

@@ -6,7 +6,7 @@ function request(job: Job): object {
   const present = (record: object): object =>
     Object.fromEntries(Object.entries(record).filter(([, value]) => value !== null && value !== undefined));
   const scene = job.scene.gallery ? { gallery: job.scene.gallery } : { id: job.scene.id };
-  return { scene, target: present(job.target), settings: present(job.settings) };
+  return { scene, target: present(job.target), settings: present(job.settings), ...(job.priority && { priority: job.priority }) };
 }
 
 export function asCurl(job: Job, base: string): string {
@@ -19,7 +19,7 @@ export function asPython(job: Job, base: string): string {
   return `import json, time, urllib.request
 
 SERVICE = ${JSON.stringify(new URL('api/', base).href)}
-JOB = json.loads(r'''${JSON.stringify(request(job))}''')
+JOB = json.loads(r'''${JSON.stringify(request(job)).replaceAll("'", '\\u0027')}''')
 
 
 def call(path, body=None):

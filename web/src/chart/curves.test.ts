@@ -27,6 +27,18 @@ it('a second curve has its own column over times of both', () => {
   expect(data.yRange[1]).toBeGreaterThan(0.4);
 });
 
+it('the bound that the stop rule judges is drawn above the curve, and has room', () => {
+  const bounded = curve.map((point, i) => ({ ...point, upper: i === 1 ? null : 1.5 * point.error }));
+  const data = chartData(bounded, 0.02, null)!;
+  expect(data.bound.filter((value) => value !== null)).toEqual([curve[0], curve[2], curve[3]].map((point) => 1.5 * point.error));
+  expect(data.yRange[1]).toBeGreaterThan(1.5 * curve[0].error);
+  expect(chartData(curve, null, null)!.bound.every((value) => value === null)).toBe(true);
+  const say = { percent: (value: number) => `${value}`, duration: (seconds: number) => `${seconds} s` };
+  expect(inWords([{ seconds: 2, spp: 8, error: 0.125, upper: 0.25 }], 0.1, say)).toBe(
+    'The relative error is 0.125 after 2 s. The target is 0.1; the bound, which decides, is 0.25.',
+  );
+});
+
 it('ticks are round and few', () => {
   expect(logTicks(0.015, 0.7, 10)).toEqual([0.02, 0.05, 0.1, 0.2, 0.5]);
   expect(logTicks(0.0015, 0.7, 5)).toEqual([0.003, 0.01, 0.03, 0.1, 0.3]);

@@ -6,6 +6,8 @@ export interface ChartData {
   /** Seconds, ascending. */
   x: number[];
   error: (number | null)[];
+  /** What the error is below, with the target's confidence: the stop rule judges it. */
+  bound: (number | null)[];
   /** The curve compared with, if any. */
   other: (number | null)[];
   root: (number | null)[];
@@ -42,13 +44,16 @@ export function chartData(
   const xRange: [number, number] = [first / 1.25, Math.max(end * 1.1, first * 4)];
   const x = [...new Set([xRange[0], ...[...points, ...others].map((point) => point.seconds), end, xRange[1]])].sort((a, b) => a - b);
   const byTime = new Map(points.map((point) => [point.seconds, point.error]));
+  const bounds = new Map(points.map((point) => [point.seconds, point.upper ?? null]));
   const byTimeOfOther = new Map(others.map((point) => [point.seconds, point.error]));
   const errors = [...points, ...others].map((point) => point.error);
+  const highestBound = Math.max(0, ...[...bounds.values()].map((bound) => bound ?? 0));
   const lowest = Math.min(...errors, target ?? Infinity);
-  const highest = Math.max(...errors, target ?? 0);
+  const highest = Math.max(...errors, highestBound, target ?? 0);
   return {
     x,
     error: x.map((seconds) => byTime.get(seconds) ?? null),
+    bound: x.map((seconds) => bounds.get(seconds) ?? null),
     other: x.map((seconds) => byTimeOfOther.get(seconds) ?? null),
     root: x.map((seconds) => (law === null ? null : law / Math.sqrt(seconds))),
     target: x.map(() => target),
@@ -99,5 +104,7 @@ export function inWords(
       ? `The relative error is ${say.percent(last.error)} after ${say.duration(last.seconds)}.`
       : `The relative error fell from ${say.percent(first.error)} after ${say.duration(first.seconds)} to ` +
         `${say.percent(last.error)} after ${say.duration(last.seconds)}.`;
-  return target === null ? fall : `${fall} The target is ${say.percent(target)}.`;
+  if (target === null) return fall;
+  const decides = last.upper ? `; the bound, which decides, is ${say.percent(last.upper)}` : '';
+  return `${fall} The target is ${say.percent(target)}${decides}.`;
 }

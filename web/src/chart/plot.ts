@@ -77,8 +77,10 @@ export function makePlot(element: HTMLElement, first: ChartData): Plot {
         { stroke: token('--secondary'), width: 1.5, dash: [2, 4], spanGaps: true, points: { show: false } },
         { stroke: token('--warn'), width: 1.5, dash: [8, 5], spanGaps: true, points: { show: false } },
         { stroke: token('--second'), width: 2, dash: [6, 4], spanGaps: true, points: { show: false } },
+        { stroke: token('--accent'), width: 1, spanGaps: true, points: { show: false } },
         { stroke: token('--accent'), width: 2, spanGaps: true, points: { show: (u) => u.data[0].length < 60, size: 5, fill: token('--accent') } },
       ],
+      bands: [{ series: [4, 5], fill: `${token('--accent')}26` }],
       hooks: { draw: [drawExpected] },
     },
     columns(first),
@@ -97,4 +99,4 @@ export function makePlot(element: HTMLElement, first: ChartData): Plot {
   };
 }
 
-const columns = (data: ChartData): uPlot.AlignedData => [data.x, data.root, data.target, data.other, data.error];
+const columns = (data: ChartData): uPlot.AlignedData => [data.x, data.root, data.target, data.other, data.bound, data.error];

@@ -2,14 +2,16 @@
 import type { Agreement } from '../viewer/scene';
 import { type Frame, LUMA } from './decode';
 import { halfTable } from './half';
+import { atReduction } from './reduce';
 
 /** Beyond this many standard errors lie 5 % of a normal variable. */
 const APART = 1.96;
 
-/** Over pixels with an estimate in both; null where the sizes differ or no pixel has one. */
-export function agreement(a: Frame, b: Frame): Agreement | null {
-  const { width, height, reduce } = a.header;
-  if (b.header.width !== width || b.header.height !== height || b.header.reduce !== reduce) return null;
+/** Over pixels with an estimate in both, at the coarser one's resolution; null where the sizes differ or no pixel has one. */
+export function agreement(one: Frame, another: Frame): Agreement | null {
+  const reduce = Math.max(one.header.reduce, another.header.reduce);
+  const [a, b] = [atReduction(one, reduce), atReduction(another, reduce)];
+  if (b.header.width !== a.header.width || b.header.height !== a.header.height) return null;
   const value = halfTable();
   const [scaleA, scaleB] = [a.header.scale, b.header.scale];
   const luminance = ({ halves }: Frame, at: number): number =>

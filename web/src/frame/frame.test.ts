@@ -75,6 +75,13 @@ describe('decodeFrame', () => {
   });
 });
 
+it('a reading tells the relative error with the dark floor and without', () => {
+  const dark = decodeFrame(frameBody({ width: 2, height: 1 }, [[0x2000, 0x2000, 0x2000, 0x1800], [ONE, ONE, ONE, ONE]])); // prettier-ignore
+  const reading = readPixelOf(dark, 0, 0); // Y = 2⁻⁷, SE = 2⁻⁹, mean 0.504
+  expect(reading.ofValue).toBeCloseTo(0.25, 3);
+  expect(reading.relative).toBeCloseTo(2 ** -9 / Math.hypot(2 ** -7, 0.0504), 3);
+});
+
 it('the relative error of a dark pixel is floored at a tenth of the mean', () => {
   expect(relativeError(0.001, 0.001, 1)).toBeCloseTo(0.01, 3);
   expect(relativeError(1, 0.05, 0.1)).toBeCloseTo(0.05, 3);

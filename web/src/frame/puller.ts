@@ -1,9 +1,10 @@
 /**
  * Pulls the newest frame of the selected job: at most one request under way, stale frames are never queued, and a
- * change of selection aborts what is under way. A slow link (last transfer over 1.5 s) asks for 2×2 means until
- * the job ends.
+ * change of selection aborts what is under way. While the link is slow it asks for 2×2 means; once it is not, or no newer
+ * frame will come, for the whole of what is shown.
  */
 import type { Frame } from './decode';
+import { Link } from './link';
 
 export interface FrameRequest {
   jobId: string;
@@ -20,6 +21,8 @@ export interface Pulled<F extends Frame> {
   frame: F | null;
   /** The link's time alone: a decoder that has just been started does not make a slow link. */
   linkMilliseconds: number;
+  /** Of those, from the first byte to the last. */
+  bodyMilliseconds: number;
 }
 
 export interface FrameSource<F extends Frame> {
@@ -34,7 +37,6 @@ export interface PullerOptions<F extends Frame> {
   onFailure: (jobId: string, cause: unknown) => void;
 }
 
-export const SLOW_TRANSFER_MS = 1500;
 const RETRY_MS = 2000;
 
 export class FramePuller<F extends Frame = Frame> {
@@ -45,7 +47,7 @@ export class FramePuller<F extends Frame = Frame> {
   private heldMaps = false;
   private wantsMaps = false;
   private isFinal = false;
-  private isSlow = false;
+  private readonly link = new Link();
   private abort: AbortController | null = null;
   private retryTimer: ReturnType<typeof setTimeout> | undefined;
 
@@ -84,12 +86,12 @@ export class FramePuller<F extends Frame = Frame> {
   }
 
   private get reduce(): 1 | 2 {
-    return this.isSlow && !this.isFinal ? 2 : 1;
+    return this.isFinal ? 1 : this.link.reduce;
   }
 
   private get isNeeded(): boolean {
     if (this.wanted === 0) return false;
-    return this.held < this.wanted || (this.isFinal && this.heldReduce > 1) || (this.wantsMaps && !this.heldMaps);
+    return this.held < this.wanted || this.heldReduce > this.reduce || (this.wantsMaps && !this.heldMaps);
   }
 
   private pullIfNeeded(): void {
@@ -107,12 +109,13 @@ export class FramePuller<F extends Frame = Frame> {
     const after = this.held >= this.wanted ? 0 : this.held;
     try {
       const { source } = this.options;
-      const { frame, linkMilliseconds } = await source.pull({ jobId, after, reduce, hasMaps }, abort.signal);
+      const { frame, linkMilliseconds, bodyMilliseconds } = await source.pull({ jobId, after, reduce, hasMaps }, abort.signal);
       if (abort.signal.aborted) {
         if (frame) source.drop(frame);
         return;
       }
-      if (reduce === 1) this.isSlow = linkMilliseconds > SLOW_TRANSFER_MS;
+      // An answer without a picture says nothing about the link.
+      if (frame) this.link.note(reduce, linkMilliseconds, bodyMilliseconds);
       if (frame) {
         this.held = Math.max(this.held, frame.header.seq);
         this.heldReduce = frame.header.reduce;

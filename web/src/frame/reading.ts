@@ -12,7 +12,10 @@ export interface Reading {
   standardError: number;
   /** Half-width of the 95 % interval of the luminance: Student t with replicates − 1. NaN without estimate. */
   half: number;
+  /** Standard error over the value, where the image's dark floor is in it: what counts in the image's error. */
   relative: number;
+  /** Standard error over the value alone; infinite where that is 0. */
+  ofValue: number;
   isValid: boolean;
   hasEstimate: boolean;
   /** Too few replicates for the interval to be more than a rough one. */
@@ -39,6 +42,7 @@ export function readPixelOf(frame: Frame, x: number, y: number, replicates?: num
     standardError: hasEstimate ? error : Number.NaN,
     half: hasEstimate ? error * t95(n - 1) : Number.NaN,
     relative,
+    ofValue: hasEstimate ? error / Math.abs(luminance) : Number.NaN,
     isValid: Number.isFinite(luminance),
     hasEstimate,
     isRough: n < ENOUGH_REPLICATES,

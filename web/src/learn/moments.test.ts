@@ -1,17 +1,13 @@
 import { expect, it } from 'vitest';
-import { extended, half95, merged, type Step, variance } from './moments';
-
-const of = (values: number[]): Step => {
-  const mean = values.reduce((sum, value) => sum + value, 0) / values.length;
-  return { n: values.length, mean, m2: values.reduce((sum, value) => sum + (value - mean) ** 2, 0) };
-};
+import { carriers, extended, half95, logVarianceSpread, merged, type Step, variance } from './moments';
+import { of } from './sample';
 
 it('merging parts gives the moments of the whole', () => {
-  const whole = of([1, 2, 4, 8, 16, 5]);
-  const parts = merged(of([1, 2, 4]), of([8, 16, 5]));
-  expect(parts.n).toBe(6);
-  expect(parts.mean).toBeCloseTo(whole.mean);
-  expect(parts.m2).toBeCloseTo(whole.m2);
+  const [first, second] = [[1, 2, 4, 0], [8, 16, 5, 0, 7]]; // prettier-ignore
+  const whole = of([...first, ...second]);
+  const parts = merged(of(first), of(second));
+  expect([parts.n, parts.lit]).toEqual([9, 7]);
+  for (const name of ['mean', 'm2', 'm3', 'm4'] as const) expect(parts[name] / whole[name]).toBeCloseTo(1, 12);
 });
 
 it('a further part goes on from the last step', () => {
@@ -23,4 +19,14 @@ it('a further part goes on from the last step', () => {
 it('two samples make a first, wide interval', () => {
   expect(variance(of([3]))).toBeNaN();
   expect(half95(of([0, 2]))).toBeCloseTo(12.706, 2);
+});
+
+it('the variance is carried by all samples, or by the one that met the light', () => {
+  expect(carriers(of([0, 2, 0, 2]))).toBeCloseTo(4);
+  const rare: Step = of([...Array<number>(999).fill(0), 1000]);
+  expect(carriers(rare)).toBeLessThan(1.01);
+  expect(logVarianceSpread(rare)).toBeCloseTo(1, 2);
+  // Of a normal variable the kurtosis is 3: Var[ln s²] = 2/n.
+  const normal = of(Array.from({ length: 4000 }, (_, i) => Math.sqrt(-2 * Math.log((i + 0.5) / 4000)) * Math.cos(2.399963 * i)));
+  expect(logVarianceSpread(normal) * 4000).toBeCloseTo(2, 0);
 });

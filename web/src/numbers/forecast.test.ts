@@ -38,6 +38,10 @@ it('a target is said back in one sentence', () => {
     'Stops when the relative error is at most 2.5 % or 10 min of rendering have passed, whichever comes first.',
   );
   expect(targetSentence({})).toContain('at least one target');
+  expect(spaced(targetSentence({ error: 0.02, confidence: 0.99, share: 0.9 }))).toBe(
+    'Stops when the relative error of 90 % of the pixels, each by itself, is, 99 % sure, at most 2 %.',
+  );
+  expect(spaced(targetSentence({ error: 0.02, region: [1, 2, 3, 4] }))).toBe('Stops when the relative error in 3 × 4 pixels at (1, 2) is at most 2 %.');
   expect(spaced(targetInShort({ error: 0.02, spp: 64 }))).toBe('2 % or 64 spp');
 });
 
@@ -47,5 +51,7 @@ it('an end is told by what ended it', () => {
   expect(ended({ stopped_by: 'error', error: 0.02 })).toBe('Reached 2.0 % in 1 min 52 s');
   expect(ended({ stopped_by: 'seconds' })).toBe('Time used up: 2.6 %, target was 2 %');
   expect(ended({ stopped_by: 'spp', target: { spp: 64 } })).toBe('All samples taken: 2.6 %');
+  expect(ended({ stopped_by: 'seconds', error: null })).toBe('Time used up: the error is not known, target was 2 %');
+  expect(ended({ stopped_by: null, error: null })).toBe('Ended after 1 min 52 s: the error is not known');
   expect(ended({ state: 'cancelled', stopped_by: 'cancelled', error: null })).toBe('Cancelled after 1 min 52 s');
 });

@@ -61,7 +61,8 @@ export function targetSentence(target: Target): string {
   if (target.error) {
     const where = target.region ? ` in ${target.region[2]} × ${target.region[3]} pixels at (${target.region[0]}, ${target.region[1]})` : '';
     const sure = target.confidence ? `, ${roundPercent(target.confidence)} sure,` : '';
-    parts.push(`the relative error${where} is${sure} at most ${roundPercent(target.error)}`);
+    const whose = target.share ? `of ${roundPercent(target.share)} of the pixels${where}, each by itself,` : where.trim();
+    parts.push(`the relative error${whose && ` ${whose}`} is${sure} at most ${roundPercent(target.error)}`);
   }
   if (target.seconds) parts.push(`${duration(target.seconds)} of rendering have passed`);
   if (target.spp) parts.push(`every pixel has ${target.spp} samples`);
@@ -82,9 +83,9 @@ export function targetInShort(target: Target): string {
 
 /** How a job ended, in one sentence. */
 export function outcome(job: Measured & Pick<Job, 'stopped_by' | 'state'>): string {
-  const error = percent(job.error);
   const time = duration(job.seconds);
-  if (job.state === 'cancelled') return job.error ? `Cancelled at ${error} after ${time}` : `Cancelled after ${time}`;
+  if (job.state === 'cancelled') return job.error ? `Cancelled at ${percent(job.error)} after ${time}` : `Cancelled after ${time}`;
+  const error = job.error === null ? 'the error is not known' : percent(job.error);
   const wanted = job.target.error ? `, target was ${roundPercent(job.target.error)}` : '';
   switch (job.stopped_by) {
     case 'error':
@@ -94,11 +95,11 @@ export function outcome(job: Measured & Pick<Job, 'stopped_by' | 'state'>): stri
     case 'spp':
       return `All samples taken: ${error}${wanted}`;
     default:
-      return `Ended at ${error} after ${time}`;
+      return job.error === null ? `Ended after ${time}: ${error}` : `Ended at ${error} after ${time}`;
   }
 }
 
 /** A job in a few words, to tell it from others of the same scene: "mis · 2.1 % in 34 s". */
 export function jobInShort(job: Pick<Job, 'error' | 'seconds' | 'settings'>): string {
-  return `${job.settings.technique} · ${job.error === null ? 'no error yet' : percent(job.error)} in ${duration(job.seconds)}`;
+  return `${job.settings.technique} · ${job.error === null ? 'error not known' : percent(job.error)} in ${duration(job.seconds)}`;
 }

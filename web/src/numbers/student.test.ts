@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { t95, withinProbability } from './student';
+import { studentQuantile, t95, withinProbability } from './student';
 
 describe('t95', () => {
   it.each([
@@ -22,3 +22,9 @@ describe('t95', () => {
 it('the probability of one degree of freedom is the Cauchy one', () => {
   expect(withinProbability(1, 1)).toBeCloseTo(0.5, 12);
 });
+
+it.each([
+  [0.95, Infinity, 1.644854], [0.975, Infinity, 1.959964], [0.9999, Infinity, 3.719016], [0.5, Infinity, 0], [0.99, 5, 3.36493], [0.9, 1, 3.077684],
+])('the quantile at %f with %f degrees of freedom is the printed one', (probability, degrees, quantile) => {
+  expect(studentQuantile(probability, degrees)).toBeCloseTo(quantile, 4);
+}); // prettier-ignore

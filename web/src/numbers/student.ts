@@ -27,25 +27,35 @@ export function t95(degrees: number): number {
   const whole = Math.floor(degrees);
   const known = cache.get(whole);
   if (known !== undefined) return known;
-  const value = whole > MANY ? expanded(whole) : bisected(whole);
+  const value = studentQuantile(0.975, whole);
   cache.set(whole, value);
   return value;
 }
 
-function bisected(degrees: number): number {
-  let low = 1.9;
-  let high = 13;
-  for (let i = 0; i < 50; i++) {
+/** t with P(T <= t) = probability, from 0.5 on; degrees may be infinite: the normal distribution. */
+export function studentQuantile(probability: number, degrees: number): number {
+  const z = bisected((t) => withinNormal(t), 2 * probability - 1);
+  if (degrees > MANY) return z + (z ** 3 + z) / (4 * degrees) + (5 * z ** 5 + 16 * z ** 3 + 3 * z) / (96 * degrees ** 2);
+  return bisected((t) => withinProbability(t, degrees), 2 * probability - 1);
+}
+
+/** Where a growing function of t >= 0 reaches `share`. */
+function bisected(within: (t: number) => number, share: number): number {
+  let [low, high] = [0, 1];
+  while (within(high) < share && high < 1e6) high *= 2;
+  for (let i = 0; i < 60; i++) {
     const middle = (low + high) / 2;
-    if (withinProbability(middle, degrees) < 0.95) low = middle;
+    if (within(middle) < share) low = middle;
     else high = middle;
   }
   return (low + high) / 2;
 }
 
-function expanded(degrees: number): number {
-  const z = 1.959963984540054;
-  return z + (z ** 3 + z) / (4 * degrees) + (5 * z ** 5 + 16 * z ** 3 + 3 * z) / (96 * degrees ** 2);
+/** P(|Z| <= t) of a standard normal variable: erf by its series (Abramowitz and Stegun 7.1.6), good to 1e-14 up to t = 8. */
+function withinNormal(t: number): number {
+  let [term, sum] = [t, t];
+  for (let n = 1; n < 200 && term > 1e-17 * sum; n++) sum += term *= (t * t) / (2 * n + 1);
+  return Math.min(sum * Math.sqrt(2 / Math.PI) * Math.exp((-t * t) / 2), 1);
 }
 
 /** From this many replicates on, an interval is shown without "about". */

@@ -1,7 +1,7 @@
 /** Requirements as lines of a table, whatever fields they have. */
 
 /** Shown elsewhere, or of no use to a reader. */
-const ELSEWHERE = new Set(['warnings', 'unsupported', 'name', 'digest', 'width', 'height', 'load_seconds', 'low', 'high', 'is_coloured']);
+const ELSEWHERE = new Set(['warnings', 'unsupported', 'name', 'digest', 'width', 'height', 'load_seconds', 'low', 'high', 'is_coloured', 'parameters', 'sensor_choices']);
 
 export function factsOf(requirements: object, bytes: (n: number) => string): [string, string][] {
   const facts: [string, string][] = [];

@@ -7,8 +7,10 @@ it('an address survives being written and read', () => {
   const addresses: Address[] = [
     job,
     { ...job, mode: 'image', exposure: 0, against: null, layout: 'wipe' },
-    { page: 'learn', scene: 'cornell-box', pixel: { x: 0, y: 12 } },
-    { page: 'learn', scene: null, pixel: null },
+    { page: 'learn', chapter: 'pixel', scene: 'cornell-box', pixel: { x: 0, y: 12 }, own: {} },
+    { page: 'learn', chapter: 'equation', scene: 'cornell-box', pixel: { x: 0, y: 12 }, own: {} },
+    { page: 'learn', chapter: 'equation', scene: null, pixel: null, own: {} },
+    { page: 'learn', chapter: 'monte-carlo', scene: null, pixel: null, own: { f: 'x^2 + 1', n: '64' } },
     { page: 'start' },
   ];
   for (const address of addresses) expect(addressOf(hashOf(address))).toEqual(address);
@@ -16,6 +18,12 @@ it('an address survives being written and read', () => {
 
 it('plain links are short', () => {
   expect(hashOf({ ...job, id: 'x', mode: 'image', exposure: 0, against: null })).toBe('#/jobs/x');
+});
+
+it('a link to a pixel alone, as written before there were chapters, shows what its samples do', () => {
+  expect(addressOf('#/learn/box?x=1&y=2')).toMatchObject({ chapter: 'pixel', pixel: { x: 1, y: 2 } });
+  expect(hashOf({ page: 'learn', chapter: 'pixel', scene: 'box', pixel: { x: 1, y: 2 }, own: {} })).toBe('#/learn/box?x=1&y=2');
+  expect(addressOf('#/learn')).toMatchObject({ chapter: 'equation', scene: null });
 });
 
 it('nonsense is the usual, not an error', () => {

@@ -1,13 +1,23 @@
-/** The address after `#` as a value, both ways: `#/jobs/ID?view=error&with=OTHER`, `#/learn/SCENE?x=1&y=2`. Pure. */
+/**
+ * The address after `#` as a value, both ways: `#/jobs/ID?view=error&with=OTHER`, `#/learn/SCENE?chapter=equation&x=1&y=2`.
+ * Pure.
+ */
 import type { Layout } from '../viewer/layout';
 import { type Mode, MODES } from '../viewer/scene';
+
+/** Of the Learn view, in their order. */
+export const CHAPTERS = ['equation', 'rays', 'forms', 'monte-carlo', 'pixel'] as const;
+export type Chapter = (typeof CHAPTERS)[number];
 
 const LAYOUTS: readonly Layout[] = ['wipe', 'side', 'flip'];
 
 export type Address =
   | { page: 'start' }
   | { page: 'job'; id: string; mode: Mode; exposure: number; against: string | null; layout: Layout }
-  | { page: 'learn'; scene: string | null; pixel: { x: number; y: number } | null };
+  | { page: 'learn'; chapter: Chapter; scene: string | null; pixel: { x: number; y: number } | null; own: Own };
+
+/** What a chapter keeps in the address for itself. */
+export type Own = Readonly<Record<string, string>>;
 
 export function addressOf(hash: string): Address {
   const [path, query = ''] = hash.replace(/^#\/?/, '').split('?');
@@ -27,7 +37,11 @@ export function addressOf(hash: string): Address {
   if (page === 'learn') {
     const [x, y] = [asked.get('x'), asked.get('y')].map((text) => (text === null || text === '' ? Number.NaN : Number(text)));
     const pixel = Number.isInteger(x) && Number.isInteger(y) ? { x, y } : null;
-    return { page: 'learn', scene: name === '' ? null : decoded(name), pixel };
+    const own = Object.fromEntries([...asked].filter(([key]) => !['chapter', 'x', 'y'].includes(key)));
+    // A link to a pixel alone is one to what its samples do.
+    const usual: Chapter = name === '' ? 'equation' : 'pixel';
+    const chapter = CHAPTERS.find((entry) => entry === asked.get('chapter')) ?? usual;
+    return { page: 'learn', chapter, scene: name === '' ? null : decoded(name), pixel, own };
   }
   return { page: 'start' };
 }
@@ -47,12 +61,13 @@ export function hashOf(address: Address): string {
       }
       return `#/jobs/${encodeURIComponent(address.id)}${suffix(query)}`;
     case 'learn':
-      if (address.scene === null) return '#/learn';
-      if (address.pixel) {
+      if (address.chapter !== (address.scene === null ? 'equation' : 'pixel')) query.set('chapter', address.chapter);
+      if (address.scene !== null && address.pixel) {
         query.set('x', String(address.pixel.x));
         query.set('y', String(address.pixel.y));
       }
-      return `#/learn/${encodeURIComponent(address.scene)}${suffix(query)}`;
+      for (const [key, value] of Object.entries(address.own)) query.set(key, value);
+      return `#/learn${address.scene === null ? '' : `/${encodeURIComponent(address.scene)}`}${suffix(query)}`;
   }
 }
 

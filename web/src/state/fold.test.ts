@@ -28,7 +28,15 @@ it('lets no late message revive an ended job or turn a frame back', () => {
 });
 
 it('a fresh list drops what the service no longer has', () => {
-  expect(withList([job('1'), job('2')], [job('2'), job('3')]).map((entry) => entry.id)).toEqual(['3', '2']);
+  expect(withList([job('1'), job('2')], [job('2'), job('3')], 2).map((entry) => entry.id)).toEqual(['3', '2']);
+});
+
+it('jobs beyond the end of a list that is not the whole are kept', () => {
+  const known = ['1', '2', '3', '4'].map((id) => job(id));
+  // 1 is older than what the list reaches; 2 lies within its reach and is gone.
+  expect(withList(known, [job('4'), job('3')], 3).map((entry) => entry.id)).toEqual(['4', '3', '2', '1']);
+  expect(withList(known, [job('4'), job('3'), job('1')], 4).map((entry) => entry.id)).toEqual(['4', '3', '1']);
+  expect(withList(known, [job('4')], 1).map((entry) => entry.id)).toEqual(['4']);
 });
 
 it('a curve only grows with time, and only with a measured error', () => {
@@ -36,4 +44,5 @@ it('a curve only grows with time, and only with a measured error', () => {
   expect(withPoint(start, progress({ seconds: 1, error: 0.2 }))).toBe(start);
   expect(withPoint(start, progress({ seconds: 2, error: null }))).toBe(start);
   expect(withPoint(start, progress({ seconds: 2, error: 0.07 }))).toHaveLength(2);
+  expect(withPoint(start, progress({ seconds: 2, error: 0.07, error_upper: 0.09 }))[1]).toEqual({ seconds: 2, spp: 4, error: 0.07, upper: 0.09 });
 });

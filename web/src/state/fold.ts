@@ -10,9 +10,11 @@ export function withJob(jobs: readonly Job[], incoming: Job): Job[] {
   return [...others, job].sort((a, b) => (a.created_at < b.created_at ? 1 : a.created_at > b.created_at ? -1 : 0));
 }
 
-/** A fresh list from the service; jobs it no longer has are gone. */
-export function withList(jobs: readonly Job[], list: readonly Job[]): Job[] {
-  const kept = jobs.filter((job) => list.some((entry) => entry.id === job.id));
+/** The newest jobs of `total`, fresh from the service: jobs that lie within the list's reach and are not in it are gone. */
+export function withList(jobs: readonly Job[], list: readonly Job[], total: number): Job[] {
+  const oldest = list[list.length - 1]?.created_at;
+  const isBeyond = (job: Job): boolean => list.length < total && oldest !== undefined && job.created_at < oldest;
+  const kept = jobs.filter((job) => isBeyond(job) || list.some((entry) => entry.id === job.id));
   return list.reduce<Job[]>((folded, job) => withJob(folded, job), kept);
 }
 
@@ -27,9 +29,9 @@ export function withProgress(jobs: readonly Job[], progress: Progress): Job[] {
 /** Appends a point where time has gone on; the service's own curve replaces all of it when it is read anew. */
 export function withPoint(curve: readonly CurvePoint[], progress: Progress | Job): CurvePoint[] {
   const last = curve[curve.length - 1];
-  const { seconds, spp, error } = progress;
+  const { seconds, spp, error, error_upper: upper = null } = progress;
   if (error === null || error <= 0 || (last && seconds <= last.seconds)) return curve as CurvePoint[];
-  return [...curve, { seconds, spp, error }];
+  return [...curve, { seconds, spp, error, upper }];
 }
 
 function isStale(known: Job, incoming: Job): boolean {

@@ -24,7 +24,7 @@ export function followAddress(page: Window): () => void {
         workbench.setExposure(address.exposure);
         break;
       case 'learn':
-        learn.open(address.scene, address.pixel);
+        learn.open(address);
         break;
     }
   };
@@ -44,7 +44,7 @@ export function followAddress(page: Window): () => void {
 
 /** What is looked at now, as an address. Null where nothing is chosen: the address stays as it is. */
 function shown(): Address | null {
-  if (route.page === 'learn') return { page: 'learn', scene: learn.sceneName, pixel: learn.pixel };
+  if (route.page === 'learn') return learn.address;
   const { selectedId, againstId, mode, layout, exposure } = workbench;
   if (selectedId === null) return null;
   return { page: 'job', id: selectedId, mode, exposure, against: againstId, layout };

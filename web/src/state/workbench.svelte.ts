@@ -82,8 +82,8 @@ class Workbench {
       wipeAt: this.wipeAt,
       flipped: this.flipped,
       isDifference: this.shownMode === 'difference',
-      a: { image: this.a.image, frame: this.a.frame?.id ?? null, target: this.a.target },
-      b: { image: this.b.image, frame: this.b.frame?.id ?? null, target: this.b.target },
+      a: { image: this.a.image, frame: this.a.frame?.id ?? null, target: this.a.target, reduce: this.a.frame?.header.reduce ?? 1 },
+      b: { image: this.b.image, frame: this.b.frame?.id ?? null, target: this.b.target, reduce: this.b.frame?.header.reduce ?? 1 },
     }),
   );
   /** Ends of the samples map: what the frames have, at least a factor of four apart. */

@@ -24,7 +24,7 @@ let nextFrame = 1;
 function makePainter(): void {
   if (!canvas) return;
   try {
-    painter = new Painter(canvas);
+    painter = new Painter(canvas, frameOf);
     for (const [id, body] of bodies) painter.keep(id, decodeFrame(body));
     if (last) painter.paint(last);
     scope.postMessage({ kind: 'ready', largestSide: painter.largestSide });
@@ -43,13 +43,15 @@ async function pull(job: number, address: string): Promise<void> {
   try {
     // The browser undoes the content encoding.
     const response = await fetch(address, { signal: abort.signal });
+    const answered = performance.now();
     if (!response.ok) throw problemFrom(response.status, await response.text());
     const body = response.status === 204 ? null : await response.arrayBuffer();
-    const linkMilliseconds = performance.now() - asked;
+    const ended = performance.now();
+    const [linkMilliseconds, bodyMilliseconds] = [ended - asked, ended - answered];
     const arrivedAt = performance.timeOrigin + performance.now();
     const frame = body && kept(body);
     const transfer = frame ? [frame.halves.buffer, ...(frame.counts ? [frame.counts.buffer] : [])] : [];
-    scope.postMessage({ kind: 'answer', job, value: { frame, linkMilliseconds, arrivedAt } }, transfer);
+    scope.postMessage({ kind: 'answer', job, value: { frame, linkMilliseconds, bodyMilliseconds, arrivedAt } }, transfer);
   } catch (cause) {
     scope.postMessage({ kind: 'refused', job, error: cause instanceof Error ? cause.message : String(cause) });
   } finally {
@@ -65,9 +67,14 @@ function kept(body: ArrayBuffer): HeldFrame {
   return { ...frame, id };
 }
 
+function frameOf(id: number): Frame | null {
+  const body = bodies.get(id);
+  return body ? decodeFrame(body) : null;
+}
+
 function compare(a: number, b: number): ReturnType<typeof agreement> {
-  const [first, second] = [bodies.get(a), bodies.get(b)];
-  return first && second ? agreement(decodeFrame(first), decodeFrame(second)) : null;
+  const [first, second] = [frameOf(a), frameOf(b)];
+  return first && second ? agreement(first, second) : null;
 }
 
 scope.onmessage = ({ data }) => {

@@ -13,6 +13,8 @@ interface Shown {
   image: Size;
   frame: number | null;
   target: number;
+  /** Of the frame, 1 where there is none. */
+  reduce: number;
 }
 
 export interface Arrangement {
@@ -38,7 +40,9 @@ export const otherView = (view: View, a: Size, b: Size): View => ({ ...view, zoo
 
 export function arrange({ size, density, layout, view, wipeAt, flipped, isDifference, a, b }: Arrangement): Pane[] {
   const whole = { left: 0, top: 0, width: size.width, height: size.height };
-  const first: Pane = { clip: whole, view, image: a.image, frame: a.frame, target: a.target, other: isDifference ? b.frame : null };
+  // Two pictures are compared at the resolution of the coarser one: a finer one beside it would show false outlines.
+  const reduce = layout === 'single' && !isDifference ? a.reduce : Math.max(a.reduce, b.reduce);
+  const first: Pane = { clip: whole, view, image: a.image, frame: a.frame, target: a.target, other: isDifference ? b.frame : null, reduce };
   const second: Pane = { ...first, view: otherView(view, a.image, b.image), image: b.image, frame: b.frame, target: b.target };
   switch (layout) {
     case 'single':

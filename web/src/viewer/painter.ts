@@ -1,5 +1,6 @@
 /** Draws pictures with WebGL2. Holds textures by frame, no view state: everything that decides a picture comes with the call. */
 import type { Frame, FrameHeader } from '../frame/decode';
+import { atReduction } from '../frame/reduce';
 import { infernoTexels } from './inferno';
 import { type Look, MODES, type Painting, type Pane, TONE_MAPS } from './scene';
 import { fragmentFor, type Variant, VERTEX } from './shaders';
@@ -16,6 +17,8 @@ interface Held {
   meanLuminance: number;
   picture: WebGLTexture;
   counts: WebGLTexture | null;
+  /** The same as 2×2 means, made once it is compared with another that is. */
+  halved?: Held;
 }
 
 /** More would not be told from the mean of these. */
@@ -32,8 +35,11 @@ export class Painter {
   private readonly held = new Map<number, Held>();
   private readonly nothing: WebGLTexture;
 
-  /** Throws where WebGL2 is missing or the program does not link. */
-  constructor(private readonly canvas: OffscreenCanvas) {
+  /** frameOf: a frame that is kept, once more. Throws where WebGL2 is missing or the program does not link. */
+  constructor(
+    private readonly canvas: OffscreenCanvas,
+    private readonly frameOf: (id: number) => Frame | null,
+  ) {
     const gl = canvas.getContext('webgl2', { alpha: false, antialias: false, depth: false });
     if (!gl) throw new Error('WebGL2 is not available here');
     this.gl = gl;
@@ -55,6 +61,10 @@ export class Painter {
   }
 
   keep(id: number, frame: Frame): void {
+    this.held.set(id, this.uploaded(frame));
+  }
+
+  private uploaded(frame: Frame): Held {
     const { gl } = this;
     const { width, height } = frame.header;
     const picture = texture(gl, UNITS.frame, gl.NEAREST);
@@ -64,14 +74,25 @@ export class Painter {
       counts = texture(gl, UNITS.counts, gl.NEAREST);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.R16UI, width, height, 0, gl.RED_INTEGER, gl.UNSIGNED_SHORT, frame.counts);
     }
-    this.held.set(id, { header: frame.header, meanLuminance: frame.summary.meanLuminance, picture, counts });
+    return { header: frame.header, meanLuminance: frame.summary.meanLuminance, picture, counts };
   }
 
   drop(id: number): void {
     const held = this.held.get(id);
     this.held.delete(id);
-    if (held) this.gl.deleteTexture(held.picture);
-    if (held?.counts) this.gl.deleteTexture(held.counts);
+    for (const one of [held, held?.halved]) {
+      if (one) this.gl.deleteTexture(one.picture);
+      if (one?.counts) this.gl.deleteTexture(one.counts);
+    }
+  }
+
+  /** A frame in pixels of `reduce` × `reduce`, where it is kept. */
+  private heldAt(id: number | null, reduce: number): Held | undefined {
+    const held = id === null ? undefined : this.held.get(id);
+    if (!held || id === null || held.header.reduce >= reduce) return held;
+    const frame = held.halved ? null : this.frameOf(id);
+    if (frame) held.halved = this.uploaded(atReduction(frame, reduce));
+    return held.halved;
   }
 
   paint({ port, density, panes, look }: Painting): void {
@@ -88,9 +109,9 @@ export class Painter {
 
   private paintPane(pane: Pane, canvasHeight: number, look: Look, density: number): void {
     const { gl } = this;
-    const frame = pane.frame === null ? undefined : this.held.get(pane.frame);
+    const frame = this.heldAt(pane.frame, pane.reduce);
     if (!frame) return;
-    const other = (pane.other === null ? undefined : this.held.get(pane.other)) ?? frame;
+    const other = this.heldAt(pane.other, pane.reduce) ?? frame;
     const { scale, reduce, replicate_size } = frame.header;
     const footprint = 1 / (pane.view.zoom * reduce);
     const corner = { left: Math.round(pane.view.left), top: Math.round(pane.view.top) };
@@ -165,7 +186,7 @@ export class Painter {
     this.keep(-1, { header: one, halves: new Uint16Array(4), counts: null, summary });
     const size = { width: 1, height: 1 };
     const view = { zoom: 1, left: 0, top: 0 };
-    const pane = { clip: { left: 0, top: 0, ...size }, view, image: size, frame: -1, other: null, target: 1 };
+    const pane = { clip: { left: 0, top: 0, ...size }, view, image: size, frame: -1, other: null, target: 1, reduce: 1 };
     const look = { mode: 'image', tone: 'srgb', exposure: 0, onlyAbove: false, samples: [1, 2], well: [0, 0, 0] } as const;
     this.paint({ port: size, density: 1, panes: [pane], look });
     this.drop(-1);

@@ -33,6 +33,8 @@ export interface Arrival {
   frame: HeldFrame | null;
   /** From the request to the last byte. */
   linkMilliseconds: number;
+  /** Of those, from the first byte to the last. */
+  bodyMilliseconds: number;
   /** When the last byte was there, in milliseconds since the epoch: the worker's clock starts at another time. */
   arrivedAt: number;
 }
@@ -47,6 +49,8 @@ export interface Pane {
   other: number | null;
   /** Relative error in the middle of the error map. */
   target: number;
+  /** Image pixels a side that are drawn as one: all panes of a comparison alike. */
+  reduce: number;
 }
 
 export interface Look {

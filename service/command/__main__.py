@@ -1,0 +1,5 @@
+"""`python -m service.command`: as `fredholm`."""
+
+from service.command.main import main
+
+main()

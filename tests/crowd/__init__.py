@@ -1,0 +1,1 @@
+"""`make crowd`: a service among hostile clients."""

@@ -1,0 +1,37 @@
+"""A database in which somebody else writes for long: who reads, and what renders, does not wait for that."""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+from service_process import LONG, Server
+
+
+def test_reads_do_not_wait_for_a_held_write_lock_and_writes_are_told_to_come_again(own_server: Server) -> None:
+    server = own_server.start()
+    job_id = server.submit(LONG)["id"]
+    server.wait(job_id, lambda job: job["frame_seq"] > 1)
+    body = {"scene": {"gallery": "cornell-box"}, "target": {"spp": 4}}
+
+    def submit(_: int) -> httpx.Response:
+        return httpx.post(f"{server.url}/api/jobs", json=body, timeout=25)
+
+    with contextlib.closing(sqlite3.connect(server.data_dir / "fredholm.sqlite", isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")  # until the end of this block
+        with ThreadPoolExecutor(8) as pool:
+            submits = [pool.submit(submit, i) for i in range(8)]
+            for path in ("/api/jobs", f"/api/jobs/{job_id}", f"/api/jobs/{job_id}/frames/latest", "/healthz"):
+                assert httpx.get(server.url + path, timeout=25).status_code == 200, path
+            assert [answer.result().status_code for answer in submits] == [503] * 8
+            assert all(answer.result().headers["Retry-After"] for answer in submits)
+        before = server.job(job_id)["seconds"]
+        server.wait(job_id, lambda job: job["seconds"] > before + 0.5)
+        other.execute("ROLLBACK")
+    server.wait(job_id, lambda job: job["state"] == "running")
+    assert len(httpx.get(f"{server.url}/api/jobs").json()["jobs"]) == 1, "none that was refused is there"
+    again = server.submit({"spp": 4})["id"]
+    assert server.wait_ended(again)["state"] == "succeeded"
+    server.cancel(job_id)
