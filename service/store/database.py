@@ -6,7 +6,6 @@ locks the rows that a statement changes; what reads before it writes says FOR UP
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +20,7 @@ from service.store.belonging import DatabaseFacts, facts_of
 from service.store.lines import Lines
 from service.store.presence import Presence
 from service.store.threads import READERS, WRITERS, check_wanted
+from service.store.turns import Turns
 from service.store.upgrade import NewerTables, check_version, upgrade
 
 # Held by whoever writes an event until its transaction ends.
@@ -68,7 +68,7 @@ class Database:
             raise DatabaseError("the driver of PostgreSQL is missing; pip install 'fredholm[postgres]'") from None
         # SQLite lets one transaction write, and those that wait only look again now and then: on a slow disk one may
         # wait in vain. Threads of this process take turns here instead.
-        self._turn = threading.Lock() if backend == "sqlite" else None
+        self._turn = Turns() if backend == "sqlite" else None
         name = make_url(url).database
         self.path = Path(name) if backend == "sqlite" and name and name != ":memory:" else None
         self._presence = Presence(self.path)
@@ -134,7 +134,7 @@ class Database:
         if self._turn is None:
             yield
             return
-        if not self._turn.acquire(timeout=_WRITE_SECONDS):
+        if not self._turn.acquire(_WRITE_SECONDS):
             raise PoolTimeout("another transaction writes")
         try:
             yield

@@ -180,7 +180,7 @@ def test_the_same_estimator_is_not_called_more_efficient_than_itself(page: Page,
 
 
 def test_a_ratio_is_said_with_its_interval(page: Page, service: Service) -> None:
-    ids = [service.submit({"spp": 4096}, width=64, height=64, technique=name) for name in ("mis", "bsdf")]
+    ids = [service.submit({"spp": 4096}, width=160, height=120, technique=name) for name in ("mis", "bsdf")]
     for job_id in ids:  # long enough for five points of the curve on a fast machine too
         service.wait_ended(job_id)
     open_job(page, service, f"{ids[0]}?with={ids[1]}")

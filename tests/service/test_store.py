@@ -7,6 +7,7 @@ import itertools
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -361,6 +362,7 @@ def test_events_become_visible_in_the_order_of_their_ids(database: Database, job
     def follow() -> None:
         while not is_over.is_set() or jobs.last_event_id() > (seen[-1] if seen else 0):
             seen.extend(event.id for event in jobs.events_after(seen[-1] if seen else 0, 10))
+            time.sleep(0.001)  # without it, every statement of a writer would wait for this thread
 
     follower = threading.Thread(target=follow, daemon=True)
     follower.start()
