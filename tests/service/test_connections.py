@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import logging
 import resource
@@ -26,7 +27,7 @@ class Line:
 
 
 def test_the_oldest_stranger_makes_room_and_nobody_who_is_known_does() -> None:
-    connections, lines = Connections(6, 3), [Line() for _ in range(6)]
+    connections, lines = Connections(6, 3, grace=0.0), [Line() for _ in range(6)]
     for line in lines[:3]:
         connections.opened(line)
     connections.is_known(lines[0])
@@ -43,6 +44,20 @@ def test_the_oldest_stranger_makes_room_and_nobody_who_is_known_does() -> None:
     assert len(connections) == 6
     connections.closed(lines[0])
     assert len(connections) == 5
+
+
+def test_a_burst_closes_nobody_before_it_could_speak() -> None:
+    async def burst() -> tuple[int, int, int]:
+        connections, lines = Connections(64, 4, grace=0.2), [Line() for _ in range(20)]
+        for line in lines:
+            connections.opened(line)
+        at_once = sum(line.is_ended for line in lines)
+        connections.is_known(lines[0])
+        while len(connections) > 5:
+            await asyncio.sleep(0.01)
+        return at_once, sum(line.is_ended for line in lines[:1]), sum(line.is_ended for line in lines)
+
+    assert asyncio.run(asyncio.wait_for(burst(), 30)) == (0, 0, 15), "whoever spoke stays, and four who did not"
 
 
 def test_descriptors_are_left_for_everything_else(monkeypatch: pytest.MonkeyPatch) -> None:
