@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
 from sqlalchemy.exc import OperationalError
 from test_store import NEW
 
+from service import dispatch
 from service.accountant import Accountant, Need
 from service.admission import Admission
-from service.engine import worker
-from service.engine.interface import Handle, Slot
+from service.engine import interface, worker
+from service.engine.interface import Handle, Lost, Slot
 from service.engine.turn import Turn, TurnResult
 from service.estimates import EstimateFiles
 from service.hub import Hub
@@ -71,37 +74,79 @@ class Rendering:
         pass
 
 
+class Hanging(Rendering):
+    """Turns never come back: each ends by its deadline, or once it is given up."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.deadlines: list[float] = []
+        self.hangs = asyncio.Event()
+
+    async def wait(self, handles: Iterable[Handle], seconds: float | None = None) -> set[Handle]:
+        assert seconds is not None
+        self.deadlines.append(seconds)
+        self.hangs.set()
+        await asyncio.sleep(seconds)
+        return set()
+
+
+class Endless(Rendering):
+    """Jobs never end, and every call takes a few milliseconds."""
+
+    def submit(self, call: Callable[..., Any], *args: Any, **_: Any) -> Handle:
+        handle = super().submit(call, *args)
+        if call is worker.advance:
+            self._values[handle] = replace(self._values[handle], saved=None, stopped_by=None)
+        return handle
+
+    async def wait(self, handles: Iterable[Handle], seconds: float | None = None) -> set[Handle]:
+        await asyncio.sleep(0.005)
+        return {*handles}
+
+
+@asynccontextmanager
+async def running(
+    folder: Path, jobs: JobStore, engine: Rendering, metrics: Metrics, **more: Any
+) -> AsyncIterator[Runner]:
+    """A runner over a store; more: settings of its service."""
+    hub = Hub(jobs)
+    await hub.start()
+    settings = ServiceSettings.model_validate({"data_dir": folder, "warm_up": False} | more)
+    files = EstimateFiles(folder / "estimates", Quarantine(folder / "quarantine"))
+    files.prepare()
+    lease = Lease(jobs, "here", "test", 60.0)
+    disk = Disk(folder, 0)
+    admission = Admission(jobs, disk, Accountant(settings), 16, lambda job: Need.of(job.settings, job.scene_ref, 0))
+
+    async def path_of(job: JobRecord) -> str:
+        return job.scene_ref
+
+    runner = Runner(settings, jobs, engine, hub, files, lease, metrics, path_of, disk, admission)
+    await runner.start()
+    try:
+        yield runner
+    finally:
+        await runner.stop()
+
+
+def store_in(folder: Path) -> JobStore:
+    database = Database(f"sqlite:///{folder}/runner.sqlite")
+    database.create_tables()
+    return JobStore(database)
+
+
 def run(
     folder: Path, watch: Callable[[Rendering, JobStore, Metrics], Callable[..., Any]]
 ) -> tuple[JobStore, str, Metrics]:
     """One job until it has ended; `watch` makes what saves in place of the store."""
-    database = Database(f"sqlite:///{folder}/runner.sqlite")
-    database.create_tables()
-    jobs, engine, metrics = JobStore(database), Rendering(), Metrics()
+    jobs, engine, metrics = store_in(folder), Rendering(), Metrics()
     job_id = jobs.add(replace(NEW, settings=SETTINGS))[0].id
     setattr(jobs, "save", watch(engine, jobs, metrics))  # noqa: B010 - a method of this one store alone
-    files = EstimateFiles(folder / "estimates", Quarantine(folder / "quarantine"))
-    files.prepare()
 
     async def until_ended() -> None:
-        hub = Hub(jobs)
-        await hub.start()
-        settings = ServiceSettings(data_dir=folder, warm_up=False)
-        lease = Lease(jobs, "here", "test", 60.0)
-        disk = Disk(folder, 0)
-        admission = Admission(jobs, disk, Accountant(settings), 16, lambda job: Need.of(job.settings, job.scene_ref, 0))
-
-        async def path_of(job: JobRecord) -> str:
-            return job.scene_ref
-
-        parts = (settings, jobs, engine, hub, files, lease, metrics)
-        runner = Runner(*parts, path_of, disk, admission)
-        await runner.start()
-        try:
+        async with running(folder, jobs, engine, metrics):
             while jobs.get(job_id).state is not State.SUCCEEDED:
                 await asyncio.sleep(0.01)
-        finally:
-            await runner.stop()
 
     asyncio.run(asyncio.wait_for(until_ended(), 20))
     return jobs, job_id, metrics
@@ -158,3 +203,65 @@ def test_a_job_that_begins_anew_keeps_the_replicate_size_that_its_first_turn_res
     assert [turn.settings["replicate_size"] for turn in turns[1:]] == [4] * (len(turns) - 1)
     assert len(turns) > 1
     assert jobs.get(job_id).progress.replicate_size == 4
+
+
+def test_a_turn_that_was_lost_gives_the_next_no_more_time(tmp_path: Path) -> None:
+    """It was measured, and multiplied: turns that hang kept the renderer for ten times as long each time."""
+
+    async def until_failed() -> list[float]:
+        jobs, engine = store_in(tmp_path), Hanging()
+        job_id = jobs.add(replace(NEW, settings=SETTINGS))[0].id
+        async with running(tmp_path, jobs, engine, Metrics(), turn_deadline_seconds=0.1):
+            while jobs.get(job_id).state is not State.FAILED:
+                await asyncio.sleep(0.01)
+        return engine.deadlines
+
+    assert asyncio.run(asyncio.wait_for(until_failed(), 30)) == [0.1] * 3
+
+
+def test_a_job_that_is_cancelled_ends_its_turn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interface, "PATIENCE_SECONDS", 0.05)
+
+    async def cancelled() -> State:
+        jobs, engine = store_in(tmp_path), Hanging()
+        job_id = jobs.add(replace(NEW, settings=SETTINGS))[0].id
+        async with running(tmp_path, jobs, engine, Metrics(), turn_deadline_seconds=600, stop_seconds=0.1) as runner:
+            await engine.hangs.wait()
+            async with asyncio.timeout(20):
+                await runner.cancel(job_id)
+            return jobs.get(job_id).state
+
+    assert asyncio.run(cancelled()) is State.CANCELLED
+
+
+@pytest.mark.parametrize("asker", ["another", ""])
+def test_who_asks_without_end_pays_for_it(asker: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Questions of another client, or of the job's own: the job has about every other turn."""
+    monkeypatch.setattr(dispatch, "PREVIEW_CREDIT", 0.05)
+
+    async def flooded() -> tuple[int, int]:
+        jobs, engine = store_in(tmp_path), Endless()
+        jobs.add(replace(NEW, settings=SETTINGS))
+        answered = 0
+
+        async def ask(runner: Runner) -> None:
+            nonlocal answered
+            while True:
+                await runner.ask(asker, 1.0, int)
+                answered += 1
+
+        async with running(tmp_path, jobs, engine, Metrics()) as runner:
+            while len(engine.turns) < 5:
+                await asyncio.sleep(0.01)
+            before, asking = len(engine.turns), [asyncio.create_task(ask(runner)) for _ in range(4)]
+            while answered < 100:
+                await asyncio.sleep(0.01)
+            seen = len(engine.turns) - before, answered
+            for task in asking:
+                task.cancel()
+                with suppress(asyncio.CancelledError, Lost):
+                    await task
+        return seen
+
+    turns, answered = asyncio.run(asyncio.wait_for(flooded(), 60))
+    assert turns > answered / 4
