@@ -7,7 +7,7 @@ HOST ?= 127.0.0.1
 # A fixed file instead of the newest releases: the two commands stay repeatable.
 LOCK := docker/requirements.lock
 
-.PHONY: run test check bench load test-long test-oracle extremes fuzz chaos crowd coverage page thumbnails lock clean help
+.PHONY: run test check wheel sdist package-check bench load test-long test-oracle extremes fuzz chaos crowd coverage page thumbnails lock clean help
 
 help: ## Say what each target does
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -18,7 +18,7 @@ $(VENV)/.ready: pyproject.toml $(LOCK) hatch_build.py
 	@test -x $(BIN)/python || { echo "Setting up $(VENV) …"; $(PYTHON) -m venv $(VENV); }
 	@echo "Installing …"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r $(LOCK)
-	@FREDHOLM_SKIP_PAGE=1 $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
+	@FREDHOLM_SKIP_PAGE=1 $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e '.[service,postgres]'
 	@touch $@
 
 page: $(VENV)/.ready ## Build the page if its sources changed
@@ -66,10 +66,19 @@ crowd: $(VENV)/.ready ## The service among hostile clients of each kind, as a ta
 thumbnails: $(VENV)/.ready ## Render the gallery's thumbnails again
 	$(BIN)/python -m renderer.scene.gallery.make_thumbnails
 
+wheel: page ## dist/*.whl, with the built page in it
+	@rm -f dist/*.whl && $(BIN)/python -m hatchling build -t wheel -d dist
+
+sdist: page ## dist/*.tar.gz, from which a wheel is made without Node
+	@rm -f dist/*.tar.gz && $(BIN)/python -m hatchling build -t sdist -d dist
+
+package-check: wheel sdist ## Install both into an empty environment, and use them
+	$(BIN)/python -m tests.empty_environment dist/*.whl dist/*.tar.gz
+
 lock: ## Write $(LOCK) from what pyproject.toml allows
 	@rm -rf .lock-venv && $(PYTHON) -m venv .lock-venv
 	@.lock-venv/bin/python -m pip install --quiet --upgrade pip
-	@FREDHOLM_SKIP_PAGE=1 .lock-venv/bin/python -m pip install --quiet --group dev .
+	@FREDHOLM_SKIP_PAGE=1 .lock-venv/bin/python -m pip install --quiet --group dev '.[postgres]'
 	@{ echo "# Written by make lock."; .lock-venv/bin/python -m pip freeze --exclude fredholm; } > $(LOCK)
 	@rm -rf .lock-venv
 

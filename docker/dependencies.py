@@ -1,4 +1,4 @@
-"""Prints what the package needs, with the driver of PostgreSQL, one requirement a line."""
+"""Prints what the package needs with its web server and the driver of PostgreSQL, one requirement a line."""
 
 from __future__ import annotations
 
@@ -6,4 +6,7 @@ import tomllib
 from pathlib import Path
 
 project = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["project"]
-print("\n".join(project["dependencies"] + project["optional-dependencies"]["postgres"]))
+extras = project["optional-dependencies"]
+needed = project["dependencies"] + extras["service"] + extras["postgres"]
+# An extra may name others of this package, which is not on any index while its image is built.
+print("\n".join(line for line in needed if not line.startswith("fredholm[")))

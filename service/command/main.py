@@ -19,6 +19,7 @@ from service.command.passes import render_part
 from service.command.render import render
 from service.command.replay import replay_pixel
 from service.command.serve import serve
+from service.extras import explained
 from service.key_commands import app as key_commands
 
 app = typer.Typer(
@@ -58,7 +59,8 @@ app.add_typer(key_commands, name="key")
 def main() -> None:
     """Entry point: errors of ours become one sentence and an exit code."""
     try:
-        app()
+        with explained("this command"):
+            app()
     except FredholmError as problem:
         err.print("[red]error:[/red]", escape(str(problem)), highlight=False, soft_wrap=True)
         sys.exit(EXIT_BAD_INPUT)
