@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from renderer.estimate.interval import standard_error as known_error
+
 if TYPE_CHECKING:
     from renderer import Estimate
 
@@ -30,7 +32,7 @@ class Display:
     """One snapshot, reduced to what is shown.
 
     radiance: (H, W, 3) float32, W·sr⁻¹·m⁻², pixels without samples filled from a neighbour.
-    standard_error: (H, W, 4) float32 of R, G, B and luminance Y; NaN with fewer than two replicates.
+    standard_error: (H, W, 4) float32 of R, G, B and luminance Y; NaN where it is not known.
     replicates: (H, W) uint32. trusted: (H, W) bool. seconds: of rendering.
     """
 
@@ -62,10 +64,10 @@ def display_bytes(display: Display) -> int:
 def display_of(estimate: Estimate, *, seq: int, seconds: float) -> Display:
     """The display of an estimate."""
     standard_error = np.empty((estimate.height * estimate.width, 4), np.float32)
+    trusted = estimate.trust.ravel()
     for start in range(0, len(standard_error), _PART):
         part = slice(start, start + _PART)
-        variance = estimate.moments.at(part).variance_of_mean()
-        np.sqrt(variance, out=standard_error[part], casting="same_kind")
+        standard_error[part] = known_error(estimate.moments.at(part), trusted[part])
     return Display(
         seq=seq,
         replicate_size=estimate.replicate_size,

@@ -79,7 +79,7 @@ def _planes(display: Display, reduce: Literal[1, 2]) -> NDArray[np.float32]:
         for channel in range(3):
             band[channel] = display.radiance[rows, :, channel]
         band[3] = display.standard_error[rows, :, 3]
-        band[3][display.replicates[rows] < 2] = np.inf
+        band[3][~np.isfinite(band[3])] = np.inf
         planes[:, start // reduce : -(-rows.stop // reduce)] = _halved(band) if reduce == 2 else band
     return planes
 

@@ -471,9 +471,9 @@ class Pixel(BaseModel):
     x: int
     y: int
     value: list[float | None] = Field(min_length=3, max_length=3)
-    standard_error: list[float | None] = Field(min_length=4, max_length=4)
+    standard_error: list[float | None] = Field(min_length=4, max_length=4, description="null where it is not known")
     luminance: float | None
-    interval: list[float] | None = Field(description="low, high; null with fewer than two replicates")
+    interval: list[float] | None = Field(description="low, high; null where the standard error is not known")
     samples: int
     replicates: int
     trusted: bool

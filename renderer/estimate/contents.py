@@ -24,7 +24,7 @@ from renderer.image.picture import to_srgb8, with_alpha
 
 @dataclass(frozen=True, slots=True)
 class PixelReading:
-    """One pixel. value: RGB radiance. standard_error: R, G, B, Y (None below two replicates). interval: 95 %, of Y."""
+    """One pixel. value: RGB radiance. standard_error: R, G, B, Y, None where not known. interval: 95 %, of Y."""
 
     x: int
     y: int
@@ -119,8 +119,11 @@ class Contents:
 
     @property
     def stderr(self) -> NDArray[np.float64]:
-        """(H, W, 4) standard error of the mean of R, G, B, Y; NaN where count < 2."""
-        return self._shaped(np.sqrt(self.moments.variance_of_mean()))
+        """(H, W, 4) standard error of the mean of R, G, B, Y; NaN where it is not known: below two replicates, and
+        where nothing was found by samples that cannot be trusted (`interval.standard_error`). Sums over pixels, for the
+        error of a mean over many, are of `moments.variance_of_mean()`, where what found nothing counts as it should.
+        """
+        return self._shaped(interval.standard_error(self.moments, self.trust.ravel()))
 
     @property
     def stokes(self) -> NDArray[np.float64] | None:
@@ -134,12 +137,12 @@ class Contents:
 
     @property
     def stokes_stderr(self) -> NDArray[np.float64] | None:
-        """(H, W, 4, 3) their standard errors; NaN where count < 2."""
+        """(H, W, 4, 3) their standard errors; NaN where they are not known."""
         if not self.moments.has_stokes:
             return None
-        m = self.moments
-        errors = np.sqrt(np.concatenate([m.variance_of_mean()[:, :3], m.stokes_variance_of_mean()], axis=1))
-        return self._shaped(errors.reshape(-1, 4, 3))
+        m, trusted = self.moments, self.trust.ravel()
+        errors = interval.standard_error(m, trusted)[:, :3], interval.stokes_standard_error(m, trusted)
+        return self._shaped(np.concatenate(errors, axis=1).reshape(-1, 4, 3))
 
     @cached_property
     def trust(self) -> NDArray[np.bool_]:
@@ -223,8 +226,8 @@ class Contents:
         i = y * self.width + x
         one = self.moments.at(slice(i, i + 1))
         count, luminance = int(one.count[0]), float(one.luminance()[0])
-        errors = np.sqrt(one.variance_of_mean()[0])
-        width = float(interval.half_width(one)[0, 3])
+        errors = interval.standard_error(one, self.trust[y, x : x + 1])[0]
+        width = float(errors[3] * interval.t_quantile(0.975, max(count - 1, 1)))
         r, g, b = (float(v) for v in one.mean[0])
         er, eg, eb, ey = (float(e) if np.isfinite(e) else None for e in errors)
         return PixelReading(
@@ -233,7 +236,7 @@ class Contents:
             value=(r, g, b),
             luminance=luminance,
             standard_error=(er, eg, eb, ey),
-            interval=(luminance - width, luminance + width) if count >= 2 else None,
+            interval=(luminance - width, luminance + width) if np.isfinite(width) else None,
             samples=count * self.replicate_size,
             replicates=count,
             trusted=bool(self.trust[y, x]),

@@ -9,6 +9,13 @@ enough of them (EVENTS) to show, were it like the window around it; that window 
 like the next, and so on up to the image; or where what it may be missing is small against its interval. Neighbours
 decide together: a pixel alone among doubtful ones has been lucky, and is doubtful too. `tests/coverage_study` measures
 what these limits are worth.
+
+Whether a *standard error* is known at all is decided here, too, for files, readings and the page (`standard_error`):
+not below two replicates, nor where a value was 0 in every replicate of a pixel that is not trusted. What was never
+found has no spread for the wrong reason; where n replicates held nothing, one in n/3 of them may hold any amount. A
+pixel that is trusted has met what its light is made of, often enough: that no blue, or no circular light, was in it, is
+then told by the same samples, and is 0 ± 0. The error of the whole picture is another question (`error.py`): to it a
+black pixel adds nothing but what its neighbours and the audit say.
 """
 
 from __future__ import annotations
@@ -47,10 +54,24 @@ def half_width(moments: Moments, confidence: float = 0.95) -> NDArray[np.float64
     return quantile[:, None] * np.sqrt(moments.variance_of_mean())
 
 
-def stokes_half_width(moments: Moments, confidence: float = 0.95) -> NDArray[np.float64]:
+def standard_error(moments: Moments, trusted: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(n, 4) standard error of the mean of R, G, B, Y; NaN where it is not known. trusted: (n,) by `trust`."""
+    largest = np.abs(moments.mean).max(axis=1, initial=0.0)
+    values = np.concatenate([moments.mean, largest[:, None]], axis=1)
+    return _where_known(moments.variance_of_mean(), values, trusted)
+
+
+def stokes_standard_error(moments: Moments, trusted: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(n, 9) the same of S1 to S3; (n, 0) where light is not polarised."""
-    quantile = t_quantile(0.5 + confidence / 2, np.maximum(moments.count - 1, 1))
-    return quantile[:, None] * np.sqrt(moments.stokes_variance_of_mean())
+    return _where_known(moments.stokes_variance_of_mean(), moments.stokes, trusted)
+
+
+def _where_known(
+    variance: NDArray[np.float64], mean: NDArray[np.float64], trusted: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """(n, k) roots of variances of means; NaN where nothing but 0 was found, and that is not trusted."""
+    never_found = (variance == 0) & (mean == 0) & ~trusted[:, None]
+    return np.where(never_found, np.nan, np.sqrt(variance))
 
 
 def trust(moments: Moments, width: int, correlation: Correlation = INDEPENDENT) -> NDArray[np.bool_]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from renderer.estimate.estimate import Estimate
-from renderer.estimate.interval import half_width, stokes_half_width
+from renderer.estimate.interval import t_quantile
 
 MOST_READINGS = 256  # pixels whose values are given in numbers
 MOST_LINES = 16  # and those that are printed
@@ -20,7 +20,7 @@ STOKES = tuple(f"S{i}.{colour}" for i in (1, 2, 3) for colour in "RGB")
 
 
 def readings(estimate: Estimate, confidence: float = 0.95) -> list[dict[str, Any]] | None:
-    """One dictionary a pixel, row by row: x, y, `value` and `half_width` of R, G, B, Y (None below two replicates) and,
+    """One dictionary a pixel, row by row: x, y, `value` and `half_width` of R, G, B, Y (None where not known) and,
     where light is polarised, of S1.R to S3.B, `replicates`, `trusted`. In the units of the sensor: radiance, or
     irradiance of an irradiance meter. None of pictures of over MOST_READINGS pixels.
     """
@@ -29,7 +29,10 @@ def readings(estimate: Estimate, confidence: float = 0.95) -> list[dict[str, Any
     moments = estimate.moments
     names = CHANNELS + STOKES if moments.has_stokes else CHANNELS
     values = np.concatenate([moments.mean, moments.luminance()[:, None], moments.stokes], axis=1)
-    widths = np.concatenate([half_width(moments, confidence), stokes_half_width(moments, confidence)], axis=1)
+    errors = estimate.stderr.reshape(len(values), -1)
+    if (stokes := estimate.stokes_stderr) is not None:
+        errors = np.concatenate([errors, stokes.reshape(len(values), -1)[:, 3:]], axis=1)
+    widths = errors * t_quantile(0.5 + confidence / 2, np.maximum(moments.count - 1, 1))[:, None]
     trusted = estimate.trust.ravel()
     return [
         {

@@ -1,7 +1,7 @@
 """The estimate as an EXR, through OpenImageIO: the checkpoint, which holds all, and the picture, which is small.
 
 Both open in any viewer. Part one, float32: R G B (pixels without samples take their neighbours'), stderr.R/G/B/Y
-(inf where unknown: below two replicates), count, trust, invalid, and on request albedo.R/G/B, normal.X/Y/Z, depth,
+(inf where unknown: `interval.standard_error`), count, trust, invalid, and on request albedo.R/G/B, normal.X/Y/Z, depth,
 position.X/Y/Z, shape_index. Of polarised light also S0.R/G/B to S3.R/G/B, named as by Mitsuba's `stokes`, and their
 standard errors, stderr.S0.R/G/B to stderr.S3.R/G/B; S0 is R G B once more.
 Part two of a checkpoint, "moments": mean and m2 as the two 32-bit halves of their float64 bits, so that reading back

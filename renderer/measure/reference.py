@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.errors import CheckpointError, SettingsError
-from renderer.estimate.error import floor_of, rel_mse
+from renderer.estimate.error import pixel_rel_mse, rel_mse
 from renderer.estimate.estimate import Estimate
 from renderer.settings import Settings
 
@@ -40,8 +40,7 @@ class Reference:
             ours = Estimate.read(path)
         except CheckpointError:
             return Reference(path, _read_rgb(path), 0.0, None)
-        variance = ours.stderr[..., :3] ** 2
-        noise = float(np.nanmean(variance / (ours.mean**2 + floor_of(ours.mean))))
+        noise = float(np.nanmean(pixel_rel_mse(ours.moments)))
         return Reference(path, ours.mean, noise if math.isfinite(noise) else 0.0, ours.identity.scene)
 
     def size_for(self, asked: Settings) -> dict[str, int]:

@@ -78,7 +78,8 @@ def converged(scene: renderer.Scene, seconds: float, keep: bool = True) -> Refer
             FOLDER.mkdir(parents=True, exist_ok=True)
             estimate.write(path)
     border = 0 if kind == "box" else math.ceil(float(rfilter.radius()) - 0.5)
-    return Reference(estimate.mean, estimate.stderr[..., :3] ** 2, estimate.seconds, border)
+    variance = estimate.moments.variance_of_mean()[:, :3].reshape(estimate.mean.shape)
+    return Reference(estimate.mean, variance, estimate.seconds, border)
 
 
 def _read(path: Path) -> renderer.Estimate | None:

@@ -56,8 +56,7 @@ def reference_of(name: str, seconds: float) -> Reference:
     """The same light from a lamp that is found."""
     settings = Settings(SIDE, SIDE, REFERENCE_SEED, replicate_size=16, adaptive=False)
     found = renderer.render(hidden_light.findable(name), Target(spp=REFERENCE_SPP, seconds=seconds), settings)
-    mean, stderr = np.asarray(found.mean, np.float64), np.asarray(found.stderr, np.float64)
-    return Reference(mean.reshape(-1, 3), stderr[..., :3].reshape(-1, 3))
+    return Reference(found.moments.mean, np.sqrt(found.moments.variance_of_mean()[:, :3]))
 
 
 def loaded(name: str) -> renderer.Scene:

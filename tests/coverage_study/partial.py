@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import renderer
-from renderer.estimate.error import floor_of, rel_mse
+from renderer.estimate.error import pixel_rel_mse, rel_mse
 from renderer.settings import Settings, Target
 from tests.coverage_study.bank import source_of
 
@@ -79,8 +79,7 @@ def reference_of(scene: renderer.Scene, seconds: float) -> Reference:
     settings = Settings(scene.width, scene.height, REFERENCE_SEED, replicate_size=8, adaptive=False)
     two = renderer.render(scene, Target(spp=16), settings)
     found = renderer.render(scene, Target(spp=REFERENCE_SPP, seconds=seconds), settings, start=two)
-    variance = found.stderr[..., :3] ** 2
-    return Reference(found.mean, float(np.nanmean(variance / (found.mean**2 + floor_of(found.mean)))))
+    return Reference(found.mean, float(np.nanmean(pixel_rel_mse(found.moments))))
 
 
 def sized(name: str, width: int, height: int) -> renderer.Scene:

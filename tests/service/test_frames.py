@@ -16,8 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from service.display import Display, read_display, write_display
+from renderer.estimate.estimate import Estimate, Identity
+from renderer.estimate.moments import Moments
+from service.display import Display, display_of, read_display, write_display
 from service.frames import MAGIC, FrameCache, choose_encoding, compress, encode_frame, scale_for
+from service.pixels import read_pixel
 from tests.files import decode_frame
 
 HALF_PRECISION = 2.0**-11
@@ -60,6 +63,20 @@ def test_finite_stays_finite_and_a_positive_error_stays_positive(values: list[fl
     _, planes = decode_frame(encode_frame(shown))
     assert np.isfinite(planes).all()
     assert ((planes[..., 3] > 0) == (shown.standard_error[..., 3] > 0)).all()
+
+
+def test_a_pixel_that_found_nothing_shows_no_error_and_no_interval() -> None:
+    moments = Moments.empty(2)
+    for k in range(16):
+        moments.add(slice(None), np.array([[1 + k % 2, 1, 1], [0, 0, 0]], np.float32), np.zeros(2, np.uint32), 4)
+    shown = display_of(Estimate(2, 1, 4, moments, Identity("d", "two", {}, 1)), seq=1, seconds=1.0)
+    lit, black = read_pixel(shown, 0, 0), read_pixel(shown, 1, 0)
+    assert lit.standard_error[3]
+    assert lit.interval
+    assert (black.value, black.standard_error, black.interval) == ([0, 0, 0], [None] * 4, None)
+    _, planes = decode_frame(encode_frame(shown))
+    assert np.isfinite(planes[0, 0, 3])
+    assert planes[0, 1, 3] == np.inf
 
 
 def test_nan_and_inf_are_kept() -> None:

@@ -10,9 +10,11 @@ import math
 import os
 import secrets
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 SHARED = Path(__file__).parents[3] / "shared"
@@ -54,3 +56,8 @@ def mean_and_error(estimate: object) -> tuple[float, float]:
     moments = estimate.moments  # type: ignore[attr-defined]
     variance = moments.variance_of_mean()[:, 3]
     return float(moments.luminance().mean()), math.sqrt(float(np.nansum(variance))) / len(variance)
+
+
+def variance_map(estimate: Any) -> NDArray[np.float64]:
+    """(H, W, 4) variance of each pixel's mean; 0 where nothing was found, as sums over pixels need it."""
+    return estimate.moments.variance_of_mean().reshape(estimate.height, estimate.width, 4)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import variance_map
 
 import renderer
 from renderer.backend import mitsuba, using
@@ -25,7 +26,7 @@ def rendered(scene: dict[str, Any], spp: int = 256, **settings: Any) -> renderer
 
 def assert_mean(estimate: renderer.Estimate, truth: Any) -> None:
     """The image's mean is the truth, as far as its standard error tells."""
-    mean, stderr = estimate.mean.mean((0, 1)), estimate.stderr[..., :3]
+    mean, stderr = estimate.mean.mean((0, 1)), np.sqrt(variance_map(estimate)[..., :3])
     error = np.sqrt(np.sum(np.where(np.isfinite(stderr), stderr, 0) ** 2, (0, 1))) / stderr[..., 0].size
     off = np.abs(mean - truth)
     assert (off <= SIGMAS * error + ROUNDING * np.abs(truth)).all(), f"{mean} ± {error}, and the truth is {truth}"
@@ -194,7 +195,7 @@ def assert_like_volpath(scene: dict[str, Any], spp: int = 512, runs: int = 8, **
         theirs = load_part(loaded._parsed, {"type": "volpath", **asked})
         images = [np.array(theirs.render(loaded.mitsuba_scene, loaded.sensor, run + 1, spp)) for run in range(runs)]
     means = np.array([image[..., :3].mean((0, 1)) for image in images])
-    stderr = ours.stderr[..., :3]
+    stderr = np.sqrt(variance_map(ours)[..., :3])
     error = np.sqrt(
         np.sum(np.where(np.isfinite(stderr), stderr, 0) ** 2, (0, 1)) / stderr[..., 0].size ** 2
         + means.var(0, ddof=1) / runs

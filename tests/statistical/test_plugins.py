@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import p_limit
+from conftest import p_limit, variance_map
 from scipy.stats import t as student
 
 import renderer
@@ -260,7 +260,7 @@ def test_image_is_that_of_path(name: str, seed: int) -> None:
     theirs, their_variance = np.mean(runs, axis=0), np.var(runs, axis=0, ddof=1) / PATH_RUNS
     ours = blocks(estimate.mean)
     area = np.array([len(part) for part in _pixels(estimate)])[:, None]
-    our_variance = blocks(estimate.stderr[..., :3] ** 2) / area
+    our_variance = blocks(variance_map(estimate)[..., :3]) / area
     assert ours.mean() > 1e-4  # there is something to see
 
     total = our_variance + their_variance + (ROUNDING * np.abs(theirs)) ** 2

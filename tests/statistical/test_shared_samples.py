@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import shared_scene, z_limit
+from conftest import shared_scene, variance_map, z_limit
 from numpy.typing import NDArray
 
 import renderer
@@ -49,7 +49,7 @@ def test_an_edge_is_the_integral_of_the_filter(rfilter: str, seed: int) -> None:
     share = np.cumsum(f[::-1])[::-1] / f.sum()
     truth = np.interp(11.37 - (np.arange(WIDTH) + 0.5), x, share, left=1, right=0)
     # All rows have the same offsets in their squares, so they are one measurement.
-    ours, error = estimate.mean[HEIGHT // 2, :, 0], estimate.stderr[HEIGHT // 2, :, 0]
+    ours, error = estimate.mean[HEIGHT // 2, :, 0], np.sqrt(variance_map(estimate)[HEIGHT // 2, :, 0])
     np.testing.assert_allclose(estimate.mean[..., 0], np.broadcast_to(ours, (HEIGHT, WIDTH)), atol=1e-6)
     assert (np.abs(ours - truth) <= z_limit(WIDTH) * error + 2e-4).all(), (ours - truth) / np.maximum(error, 1e-9)
     assert np.abs(ours - truth).max() < 0.01

@@ -153,6 +153,38 @@ def test_a_standard_error_that_is_not_known_is_infinite_and_never_zero(tmp_path:
         assert (found == 0.5).all() if replicates == 2 else (found == np.inf).all()
 
 
+def test_a_pixel_that_never_found_anything_does_not_know_its_error_and_the_picture_does(tmp_path: Path) -> None:
+    """The right half is lit, the left is black: background, or a light that was not met. Half a picture of it is no
+    reason to know nothing of the other half."""
+    width = 8
+    rng = np.random.default_rng(1)
+    moments = Moments.empty(width * width)
+    is_lit = np.arange(width * width) % width >= width // 2
+    for _ in range(32):
+        values = np.where(is_lit[:, None], rng.uniform(0.5, 1.5, (len(is_lit), 3)), 0.0)
+        values[:, 2] = 0  # no blue in any of it
+        moments.add(slice(None), values.astype(np.float32), np.zeros(len(is_lit), np.uint32), 4)
+    written = replace(estimate(moments), width=width, height=width)
+    written.write(tmp_path / "a.exr")
+    written.write_picture(tmp_path / "b.exr")
+    for name in ("a.exr", "b.exr"):
+        spec, pixels = read_part(tmp_path / name)
+        channel = {c: pixels[..., i].ravel() for i, c in enumerate(spec.channelnames)}
+        for c in "RGBY":
+            assert (channel[f"stderr.{c}"][~is_lit] == np.inf).all(), (name, c)
+        believed = is_lit & (channel["trust"] == 1)
+        assert believed.sum() > 8
+        assert np.isfinite(channel["stderr.R"][is_lit]).all()
+        assert (channel["stderr.B"][believed] == 0).all()  # well known to be nothing
+        assert (channel["stderr.B"][is_lit & ~believed] == np.inf).all()
+        assert spec.getattribute("fredholm:error") is not None
+    again = Estimate.read(tmp_path / "a.exr")
+    np.testing.assert_array_equal(again.stderr, written.stderr)
+    assert written.pixel(0, 0).standard_error == (None, None, None, None)
+    assert written.pixel(0, 0).interval is None
+    assert written.pixel(width - 1, 4).interval is not None
+
+
 def test_metadata_say_what_it_is_how_it_was_made_and_how_good_it_is(tmp_path: Path) -> None:
     written = estimate()
     written.write(tmp_path / "a.exr", {"stopped_by": "spp", "threads": 2, "hosts": ["a", "b"]})

@@ -414,9 +414,10 @@ export interface Pixel {
   x: number;
   y: number;
   value: (number | null)[];
+  /** null where it is not known */
   standard_error: (number | null)[];
   luminance: number | null;
-  /** low, high; null with fewer than two replicates */
+  /** low, high; null where the standard error is not known */
   interval: number[] | null;
   samples: number;
   replicates: number;
