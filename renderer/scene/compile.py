@@ -21,6 +21,7 @@ from renderer.scene.numerics import THIN_GAP_LISTED
 from renderer.scene.parameters import Source
 from renderer.scene.requirements import NO_EMITTERS, Requirements, measure, refuse_unsupported, warnings_of
 from renderer.scene.rewrite import passes
+from renderer.scene.rewrite.byte_colours import display_colours
 from renderer.scene.rewrite.similarity import Similarity
 from renderer.scene.source import Parsed, instantiate, load_part, parse
 from renderer.settings import STOKES, UNLIMITED_DEPTH, Settings
@@ -330,7 +331,9 @@ def load_parsed(source: Source, parsed: Parsed, asked: Settings, rewrites: Colle
     found = needs.is_coloured, needs.spectral_by is not None, needs.polarised_by is not None
     variant = variant_for(asked.colour, *found)
     with using(variant):
-        made = instantiate(changed)
+        with display_colours(changed) as (loadable, told):
+            made = instantiate(loadable)
+        notes += told
         notes += passes.after_loading(made, rewrites, parsed.name)
         loaded_warnings = (*make_maps_finite(made), *missing_attributes(changed.state, made))
         if (why := unsampleable_light(made)) is not None:

@@ -78,7 +78,7 @@ def _file_resolver(folders: tuple[str, ...]) -> Iterator[Any]:
             resolver.append(path)
 
 
-def _resolved(folders: tuple[str, ...], name: str) -> str:
+def resolved(folders: tuple[str, ...], name: str) -> str:
     """The path that Mitsuba would take for a file name: that in the first folder that has it, else the name itself."""
     near = (os.path.join(folder, name) for folder in folders)
     return next((path for path in near if os.path.exists(path)), name)
@@ -142,8 +142,8 @@ def parse(source: Source, limits: SceneLimits | None = None, *, exact: bool = Fa
         guarded(lambda: mi.parser.transform_upgrade(config, state), opened.name, folders)
         guarded(lambda: mi.parser.transform_resolve(config, state), opened.name, folders)
         inside = limits.root or (Path(opened.folders[0]) if opened.folders else None)
-        _correct_names(state, partial(_resolved, folders), tuple(one for one in folders if one not in mitsuba_folders))
-        assets = look(state, partial(_resolved, folders), limits, place, exact=exact, folder=inside)
+        _correct_names(state, partial(resolved, folders), tuple(one for one in folders if one not in mitsuba_folders))
+        assets = look(state, partial(resolved, folders), limits, place, exact=exact, folder=inside)
         shapes = placed_shapes(state, assets)
         return Parsed(
             state, opened.name, digest_of(state, assets), folders, assets, shapes, opened.keep, opened.defaults

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from renderer.errors import SceneError
 
-_PLY_TYPES = {
+PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
     **dict.fromkeys(("short", "int16"), "i2"),
@@ -30,8 +30,8 @@ _PLY_TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
-_MAX_HEADER = 1 << 16
-_HEADER_END = re.compile(rb"\r?\n *end_header *\r?\n")  # a line of its own, not the end of a comment
+MAX_HEADER = 1 << 16
+HEADER_END = re.compile(rb"\r?\n *end_header *\r?\n")  # a line of its own, not the end of a comment
 _ENCODINGS = ("ascii", "binary_little_endian", "binary_big_endian")
 _NAME = re.compile("[!-~]{1,200}")  # no space or control character
 _CORNERS = ("i0", "i1", "i2")
@@ -97,7 +97,7 @@ class _PlyLayout:
 
 
 @dataclass(frozen=True, slots=True)
-class _Element:
+class Element:
     """One element of a PLY header. properties: (name, type) or (name, type of the count, type of the items)."""
 
     name: str
@@ -106,7 +106,7 @@ class _Element:
 
 
 def _read_ply(data: bytes) -> MeshFacts:
-    end = _HEADER_END.search(data, 0, _MAX_HEADER)
+    end = HEADER_END.search(data, 0, MAX_HEADER)
     if end is None:
         raise ValueError("no PLY header")
     layout = _ply_layout(data[: end.start()])
@@ -114,12 +114,12 @@ def _read_ply(data: bytes) -> MeshFacts:
     if n == 0:
         return MeshFacts(0, 0)
     if layout.row is None:
-        rows, rest = _ascii_rows(data[start:], n, layout.n_columns, "vertices")
+        rows, rest = ascii_rows(data[start:], n, layout.n_columns, "vertices")
         positions = rows[:, layout.where]
         if layout.face is not None and layout.n_faces:
             names = layout.face.names or ()
             at, width = names.index("n"), len(names) + 2
-            faces, _ = _ascii_rows(rest, layout.n_faces, width, "faces")
+            faces, _ = ascii_rows(rest, layout.n_faces, width, "faces")
             _check_indices(faces[:, at], faces[:, at + 1 : at + 4], n)
     else:
         if n * layout.row.itemsize + layout.n_faces > len(data) - start:
@@ -154,7 +154,7 @@ def _ply_layout(header: bytes) -> _PlyLayout:
     """What is known of a header. Refuses whatever Mitsuba might read otherwise than we do: what was looked at would
     then not be what it loads.
     """
-    encoding, elements = _ply_header(header)
+    encoding, elements = ply_header(header)
     vertex = elements[0] if elements else None
     if vertex is None or vertex.name != "vertex":
         raise ValueError("vertices must come first")
@@ -168,7 +168,7 @@ def _ply_layout(header: bytes) -> _PlyLayout:
         raise ValueError(f"the list {list_[0]!r} among the vertices")
     where = [names.index(axis) for axis in "xyz"] if vertex.count else []
     order = ">" if encoding == "binary_big_endian" else "<"
-    row = np.dtype([(f"{i}", order + _PLY_TYPES[kind]) for i, (_, kind) in enumerate(vertex.properties)])
+    row = np.dtype([(f"{i}", order + PLY_TYPES[kind]) for i, (_, kind) in enumerate(vertex.properties)])
     n_faces = 0 if face is None else face.count
     if n_faces and not vertex.count:
         raise ValueError(f"{n_faces} faces without vertices")
@@ -178,33 +178,33 @@ def _ply_layout(header: bytes) -> _PlyLayout:
         len(names),
         where,
         None if encoding == "ascii" else row,
-        _face_row(face, order) if face is not None and n_faces else None,
+        face_row(face, order) if face is not None and n_faces else None,
     )
 
 
-def _face_row(face: _Element, order: str) -> np.dtype[Any]:
+def face_row(face: Element, order: str) -> np.dtype[Any]:
     """A triangle in the file: one list, its vertices, and what else it holds."""
     fields: list[tuple[Any, ...]] = []
     for i, (name, kind, *item) in enumerate(face.properties):
         if name in _CORNERS:  # Mitsuba's own names for what is in the list
             raise ValueError(f"a property of the faces is called {name}; rename it")
         if not item:
-            fields.append((f"{i}", order + _PLY_TYPES[kind]))
+            fields.append((f"{i}", order + PLY_TYPES[kind]))
         elif name not in ("vertex_index", "vertex_indices") or "n" in [field for field, *_ in fields]:
             raise ValueError(f"the list {name!r} of the faces is not known; leave it out")
-        elif not {_PLY_TYPES[kind][0], _PLY_TYPES[item[0]][0]} <= {"i", "u"}:
+        elif not {PLY_TYPES[kind][0], PLY_TYPES[item[0]][0]} <= {"i", "u"}:
             raise ValueError(f"vertices of faces are counted in {kind} and named in {item[0]}; use whole numbers")
         else:
-            fields += [("n", order + _PLY_TYPES[kind]), ("v", order + _PLY_TYPES[item[0]], 3)]
+            fields += [("n", order + PLY_TYPES[kind]), ("v", order + PLY_TYPES[item[0]], 3)]
     if "n" not in [field for field, *_ in fields]:
         raise ValueError("the faces have no list vertex_indices")
     return np.dtype(fields)
 
 
-def _ply_header(header: bytes) -> tuple[str, list[_Element]]:
+def ply_header(header: bytes) -> tuple[str, list[Element]]:
     """Encoding and elements. Each line must be one that is known."""
     encodings: list[str] = []
-    elements: list[_Element] = []
+    elements: list[Element] = []
     # Not splitlines, which parts lines where Mitsuba goes on.
     first, *lines = header.decode("latin-1").split("\n")
     if first.rstrip("\r") != "ply":
@@ -219,7 +219,7 @@ def _ply_header(header: bytes) -> tuple[str, list[_Element]]:
             case ["element", name, count] if _NAME.fullmatch(name) and re.fullmatch("[0-9]{1,10}", count):
                 if int(count) >= 2**32:
                     raise ValueError(f"{count} of {name}")
-                elements.append(_Element(name, int(count), []))
+                elements.append(Element(name, int(count), []))
             case ["property", "list", count, item, name] if elements and encodings and _NAME.fullmatch(name):
                 _add(elements[-1], (name, count, item))
             case ["property", kind, name] if elements and encodings and _NAME.fullmatch(name):
@@ -233,29 +233,29 @@ def _ply_header(header: bytes) -> tuple[str, list[_Element]]:
 
 def ply_bytes(data: bytes) -> int:
     """How long a PLY file must be to hold what its header promises; lists in it are refused. Raises ValueError."""
-    end = _HEADER_END.search(data, 0, _MAX_HEADER)
+    end = HEADER_END.search(data, 0, MAX_HEADER)
     if end is None:
         raise ValueError("no PLY header")
-    encoding, elements = _ply_header(data[: end.start()])
+    encoding, elements = ply_header(data[: end.start()])
     wanted = end.end()
     for element in elements:
         if list_ := next((one for one in element.properties if len(one) == 3), None):
             raise ValueError(f"the list {list_[0]!r} of {element.name!r} is not known; leave it out")
-        sizes = [np.dtype(_PLY_TYPES[kind]).itemsize for _, kind in element.properties]
+        sizes = [np.dtype(PLY_TYPES[kind]).itemsize for _, kind in element.properties]
         wanted += element.count * (2 * len(sizes) if encoding == "ascii" else sum(sizes))
     return wanted
 
 
-def _add(element: _Element, found: tuple[str, ...]) -> None:
+def _add(element: Element, found: tuple[str, ...]) -> None:
     name, *kinds = found
-    if unknown := [kind for kind in kinds if kind not in _PLY_TYPES]:
+    if unknown := [kind for kind in kinds if kind not in PLY_TYPES]:
         raise ValueError(f"{unknown[0]!r} is no type that is known")
     if name in [one[0] for one in element.properties]:
         raise ValueError(f"the property {name!r} of {element.name!r} is there twice")
     element.properties.append(found)
 
 
-def _ascii_rows(body: bytes, n: int, n_columns: int, what: str) -> tuple[NDArray[np.float64], bytes]:
+def ascii_rows(body: bytes, n: int, n_columns: int, what: str) -> tuple[NDArray[np.float64], bytes]:
     """The numbers in n rows of text, and the text behind them."""
     if 2 * n * n_columns > len(body) + 1:
         raise ValueError(f"the header promises {n} {what}, more than the file holds")
@@ -326,7 +326,7 @@ def _read_serialized(data: bytes, shape_index: int) -> MeshFacts:
         raise ValueError("the table of meshes points outside the file")
     packed = data[start + 4 : end]
     inflate = zlib.decompressobj()
-    head = inflate.decompress(packed, _MAX_HEADER)
+    head = inflate.decompress(packed, MAX_HEADER)
     (flags,) = struct.unpack_from("<I", head, 0)
     at = head.index(b"\0", 4) + 1 if version == 4 else 4
     n, triangles = struct.unpack_from("<QQ", head, at)
