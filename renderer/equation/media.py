@@ -12,8 +12,10 @@ channels. One is drawn from a mixture of the channels' own densities q_i, so eac
     throughput_i · f_i / Σ_j w_j q_j,   w_j half even, and half by what channel j still carries
 
 (the balance heuristic of all channels for one sample): a channel grows at most 2n times, and none beyond twice what
-they carry together. *Transmittance* is analytic in homogeneous media, and estimated by ratio tracking in grids: the
-product of 1 − σt/σ̄ over tentative collisions.
+they carry together. *Transmittance* is analytic in homogeneous media, and estimated by residual ratio tracking in
+grids: exp −∫ of a control σc, times the product of 1 − (σt − σc)/ρ over tentative collisions at the rate ρ ≥ |σt − σc|.
+Majorants, controls and their rates are those of the cells of a coarse lattice (`lattice.py`): where nothing is, nothing
+is asked.
 
 Sources: Woodcock et al. 1965 (delta tracking); Novák et al. 2014 (ratio tracking); Kutz et al. 2017 and Miller et al.
 2019 (colour); pbrt-v4, sections 11.2 and 14.2.
@@ -28,6 +30,7 @@ import drjit as dr
 import numpy as np
 
 from renderer.backend import mitsuba
+from renderer.equation.lattice import Evenly, Lattices
 from renderer.equation.sequence import mix, unit
 from renderer.equation.tables import table
 
@@ -83,6 +86,7 @@ class Media:
         self.only = next(iter(media.values())) if len(media) == 1 and is_known else None
         self.has_homogeneous = not is_known or any(medium.is_homogeneous() for medium in media.values())
         self.has_grids = not is_known or not all(medium.is_homogeneous() for medium in media.values())
+        self.lattices = Lattices(media) if is_known and self.has_grids else None
         self.sensor_key = table(NO_MEDIUM if sensor_medium is None else _key(sensor_medium), mi.UInt32)
 
     # ------------------------------ Asking the plugins ------------------------------
@@ -157,13 +161,14 @@ class Media:
         medium = self._asked(key)
         active = active & ~self.is_homogeneous(key)
         interaction = self._interaction(ray)
-        rate, t, end = self._within(medium, ray, interaction, end, active)
+        walk, t, end = self._within(medium, key, ray, interaction, end, active)
+        cell = walk.begin(t)
         steps = mi.UInt32(0)
         weight = mi.Spectrum(1)
         is_real = mi.Bool(False)
         going = active & (t < end)
         while dr.hint(going, label="delta tracking"):
-            t += -dr.log(1 - stream.at(drawn)) / rate
+            t, cell, rate, _, _ = walk.on(t, cell, -dr.log(1 - stream.at(drawn)), end, False, going)
             u = stream.at(drawn + 1)
             drawn += 2
             steps += 1
@@ -184,13 +189,14 @@ class Media:
         interaction.p = dr.select(is_real | is_under_way, dr.fma(ray.d, t, ray.o), ray.o)
         return Collision(interaction, is_real, is_under_way, weight, drawn, steps)
 
-    def _within(self, medium: Any, ray: Any, interaction: Any, end: Any, active: Any) -> tuple[Any, Any, Any]:
-        """Majorant of a grid, and where along a ray the grid begins and ends, or the ray does."""
-        rate = dr.max(medium.get_majorant(interaction, active))
+    def _within(self, medium: Any, key: Any, ray: Any, interaction: Any, end: Any, active: Any) -> tuple[Any, Any, Any]:
+        """How to walk through a grid, and where along a ray the grid begins and ends, or the ray does."""
         is_met, near, far = medium.intersect_aabb(ray)
         near = dr.maximum(near, 0)
-        far = dr.select(is_met & (rate > 0), dr.minimum(far, end), near)
-        return dr.select(rate > 0, rate, 1), near, far
+        far = dr.select(is_met, dr.minimum(far, end), near)
+        if self.lattices is not None:
+            return self.lattices.line(key, ray, active), near, far
+        return Evenly(dr.max(medium.get_majorant(interaction, active))), near, far
 
     # ------------------------------ Transmittance ------------------------------
 
@@ -207,17 +213,19 @@ class Media:
         if dr.hint(self.has_grids, mode="scalar"):
             is_grid = active & ~self.is_homogeneous(key)
             interaction = self._interaction(ray)
-            rate, t, end = self._within(medium, ray, interaction, end, is_grid)
+            walk, t, end = self._within(medium, key, ray, interaction, end, is_grid)
+            cell = walk.begin(t)
             ratio = mi.Spectrum(1)
             steps = mi.UInt32(0)
             going = is_grid & (t < end)
-            while dr.hint(going, label="ratio tracking"):
-                t += -dr.log(1 - stream.at(drawn)) / rate
+            while dr.hint(going, label="residual ratio tracking"):
+                t, cell, rate, control, thinned = walk.on(t, cell, -dr.log(1 - stream.at(drawn)), end, True, going)
                 is_inside = t < end
+                ratio *= dr.select(going, dr.exp(-thinned), 1)
                 at = mi.MediumInteraction3f(interaction)
                 at.p, at.t = dr.fma(ray.d, t, ray.o), t
                 _, _, sigma_t = _coefficients(medium, at, is_inside)
-                ratio[is_inside] = ratio * (1 - sigma_t / rate)
+                ratio[is_inside] = ratio * (1 - (sigma_t - control) / rate)
                 steps += 1
                 most = dr.max(dr.abs(ratio))
                 survival = dr.minimum(most / FAINT, 1) * dr.select(steps % LONG_WALK == 0, 0.5, 1)

@@ -1,7 +1,7 @@
 """`make coverage`: what the error bars, the stop rule, the forecast and adaptive sampling are worth, measured.
 
-    python -m tests.coverage_study [coverage | stopping | adaptive | partial | rare | meters …] [--scenes NAME …]
-        [--runs N] [--targets ERROR …] [--quick]
+    python -m tests.coverage_study [coverage | stopping | adaptive | partial | rare | meters | media …]
+        [--scenes NAME …] [--runs N] [--targets ERROR …] [--quick]
 
 Needs half an hour on two cores; --quick takes a few scenes and runs. See `bank.py` for what an independent run is.
 """
@@ -36,7 +36,8 @@ MORE_ADAPTIVE = (
     *("shared/living-room", "shared/room-indirect", "shared/sdf-instance"),
 )
 PARTIAL = ("shared/matpreview", "shared/living-room", "shared/veach-ajar", "shared/room-manylights")
-PARTS = ("coverage", "stopping", "adaptive", "partial", "rare", "meters")
+MEDIA = ("shared/vol-cbox", "smoke", "cloudy-glass")  # even, a grid, and behind glass
+PARTS = ("coverage", "stopping", "adaptive", "partial", "rare", "meters", "media")
 METER_TARGETS = (0.05, 0.01)
 LARGE = ("cornell-box", "materials", "shared/matpreview")  # that are rendered at all sizes
 RARE = [*hidden_light.NAMES, *hidden_light.MORE_NAMES, *hidden_light.REACHABLE]
@@ -191,6 +192,12 @@ def show_meters(names: list[str], runs: int, quick: bool) -> None:
     OUT.print(table)
 
 
+def show_media(scenes: list[str], runs: int, quick: bool) -> None:
+    """Error bars and stop rule of scenes with participating media."""
+    show_coverage(scenes, runs, quick)
+    show_stopping(scenes, runs, quick)
+
+
 def main() -> None:
     """Measures and prints."""
     parser = argparse.ArgumentParser(prog="python -m tests.coverage_study", description=__doc__)
@@ -210,6 +217,7 @@ def main() -> None:
         "partial": (show_partial, [*gallery_names(), *PARTIAL], 1),
         "rare": (partial_of(show_rare, targets=tuple(asked.targets)), RARE, 20),
         "meters": (show_meters, list(meters.scenes()), 200),
+        "media": (show_media, list(MEDIA), 200),
     }
     for part in parts:
         show, scenes, runs = usual[part]
