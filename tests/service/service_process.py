@@ -20,6 +20,10 @@ from typing import Any
 import httpx
 import pytest
 
+from service.clients import Keys
+from service.store import Database
+from service.store.keys import KeyStore
+
 ROOT = Path(__file__).resolve().parents[2]
 ENDED = ("succeeded", "failed", "cancelled")
 SMALL = {"width": 64, "height": 64, "seed": 1}
@@ -151,6 +155,15 @@ class Server:
 
     def cancel(self, job_id: str) -> httpx.Response:
         return httpx.post(f"{self.url}/api/jobs/{job_id}/cancel", timeout=30)
+
+
+def made_keys(server: Server) -> dict[str, str]:
+    """A key for each role, whose client has the role's name."""
+    database = Database(f"sqlite:///{server.data_dir / 'fredholm.sqlite'}")
+    keys = Keys(KeyStore(database), server.data_dir / "secret")
+    made = {role: keys.create(role, role)[1] for role in ("read", "submit", "admin")}
+    database.close()
+    return made
 
 
 def assert_no_secret_in(log: Path) -> None:

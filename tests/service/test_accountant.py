@@ -87,6 +87,15 @@ def test_memory_that_other_programs_take_counts_too() -> None:
     assert shortage.needed > shortage.free
 
 
+def test_what_a_job_shows_in_shared_memory_counts_too() -> None:
+    need = Need(4096 * 4096)
+    growth = accountant(64 * GIGABYTE, 0).shortage(need, [])
+    assert growth is not None
+    assert growth.needed >= reckon([need]) - reckon([]) + 33 * need.pixels
+    assert accountant(64 * GIGABYTE, growth.needed + 127 * MEBIBYTE).shortage(need, []) is not None
+    assert accountant(64 * GIGABYTE, growth.needed + 128 * MEBIBYTE).shortage(need, []) is None
+
+
 def test_jobs_that_do_not_fit_are_passed_by_those_that_do() -> None:
     queue = [Waiting("big", 1, False, "a"), Waiting("other", 2, False, "b"), Waiting("small", 3, False, "a")]
     lack = Shortage(2, 1, "memory")

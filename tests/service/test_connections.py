@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import httpx
 import pytest
-from service_process import Server, wait_for
+from service_process import Server, made_keys, wait_for
 
 from service.connections import Connections, most_connections
 from service.repeats import Repeats
@@ -76,11 +76,14 @@ def is_open(line: socket.socket) -> bool:
         return False
 
 
-def test_silent_connections_do_not_keep_others_out(own_server: Server) -> None:
+@pytest.mark.parametrize("keys", ["off", "on"])
+def test_silent_connections_do_not_keep_others_out(own_server: Server, keys: str) -> None:
     own_server.environment |= {"FREDHOLM_MAX_UNKNOWN_CONNECTIONS": "8", "FREDHOLM_REQUEST_HEAD_SECONDS": "120"}
+    own_server.environment |= {"FREDHOLM_API_KEYS": keys, "FREDHOLM_PING_SECONDS": "1"}
     server = own_server.start(wait_until="/healthz")
+    heads = {"Authorization": f"Bearer {made_keys(server)['read']}"} if keys == "on" else {}
     with contextlib.ExitStack() as stack:
-        stream = stack.enter_context(httpx.stream("GET", f"{server.url}/api/events", timeout=60))
+        stream = stack.enter_context(httpx.stream("GET", f"{server.url}/api/events", headers=heads, timeout=60))
         told = stream.iter_lines()
         next(told)
         address = ("127.0.0.1", server.port)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from service import estimates
+from service import estimates, picture_room
 from service.display import Display
 from service.estimates import EstimateFiles
 from service.frames import FrameCache
@@ -83,3 +85,65 @@ def test_saved_pictures_that_were_just_read_need_not_be_read_again(
     files.saved(Kept("7", None, Progress(frame_seq=7)))
     assert len(files._shown) == 1
     files.remove_displays()
+
+
+def test_all_work_on_pictures_has_its_room_and_a_frame_is_encoded_once_for_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+    told: list[tuple[str, int]] = []
+
+    class Told(PictureRoom):
+        @asynccontextmanager
+        async def taking(self, size: int, client: str = "") -> AsyncIterator[None]:
+            told.append((client, size))
+            async with super().taking(size, client):
+                yield
+
+    def encode(*_: Any, **__: Any) -> bytes:
+        made.append("frame")
+        time.sleep(0.05)
+        return b"frame"
+
+    size = (24, 32)
+    values = np.ones(size, np.float32)
+    errors = np.repeat(values[..., None], 4, axis=2)
+    shown = Display(1, 4, 0.5, errors[..., :3], errors, values.astype(np.uint32), values > 0)
+    live = SimpleNamespace(display_path=tmp_path / "shown")
+    files = SimpleNamespace(shown=lambda _: shown, path=lambda name: tmp_path / name, hold=lambda _: tmp_path / "held")
+    service: Any = SimpleNamespace(
+        frames=FrameCache(), picture_room=Told(), files=files, runner=SimpleNamespace(live=lambda _: live)
+    )
+    kept = (Kept("j/1.exr", None, Progress()),)
+    settings, names = {"width": 32, "height": 24}, {"name": "a", "scene_kind": "upload", "scene_ref": "a"}
+    job: Any = SimpleNamespace(
+        id="j", client_id="alice", settings=settings, state="running", checkpoint=None, kept=kept, **names
+    )
+    monkeypatch.setattr(frames.frames, "encode_frame", encode)
+    monkeypatch.setattr(frames, "_write_picture", lambda *_: made.append("exr"))
+
+    async def asked() -> set[bytes]:
+        bodies = await asyncio.gather(
+            *(frames._frame_body(service, job, shown, 1, False, "identity") for _ in range(5))
+        )
+        request: Any = SimpleNamespace(headers={})
+        await frames.image_png(job, request, service, 0.0, "srgb")
+        job.checkpoint = "j/1.exr"
+        await frames.image_exr(job, service, "0")
+        return set(bodies)
+
+    assert asyncio.run(asked()) == {b"frame"}
+    assert made == ["frame", "exr"]
+    per_pixel = (picture_room.ENCODE_BYTES, picture_room.PNG_BYTES, picture_room.READ_BYTES)
+    assert told == [("alice", 24 * 32 * one) for one in per_pixel]
+
+
+def test_what_is_shown_lies_in_shared_memory_where_there_is_enough(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shared, other = tmp_path / "shared", tmp_path / "other"
+    shared.mkdir()
+    monkeypatch.setattr(estimates, "_SHARED_MEMORY", shared)
+    for free, folder in ((64 << 20, other), (2 << 30, shared)):  # as containers have it, as machines have it
+        monkeypatch.setattr(estimates.shutil, "disk_usage", lambda _, free=free: SimpleNamespace(free=free))
+        assert estimates._fast_folder(other) == folder

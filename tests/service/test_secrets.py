@@ -14,17 +14,14 @@ from pathlib import Path
 import httpx
 import pytest
 from pydantic import SecretStr
-from service_process import ROOT, Server, assert_no_secret_in, wait_for
+from service_process import ROOT, Server, assert_no_secret_in, made_keys, wait_for
 from sqlalchemy.exc import OperationalError
 
 from service.app import create_app
-from service.clients import Keys
 from service.logs import without_secrets
 from service.messages import SessionRequest
 from service.routes.events import _until_trouble
 from service.settings import ServiceSettings
-from service.store import Database
-from service.store.keys import KeyStore
 
 KEY = "frd_0123456789_" + "aB-_" * 10 + "abc"
 _LOGGED = """
@@ -141,14 +138,6 @@ def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Server, di
     server = Server(tmp_path_factory.mktemp("secrets") / "data", environment).start(wait_until="/healthz")
     yield server, made_keys(server)
     server.stop()
-
-
-def made_keys(server: Server) -> dict[str, str]:
-    database = Database(f"sqlite:///{server.data_dir / 'fredholm.sqlite'}")
-    keys = Keys(KeyStore(database), server.data_dir / "secret")
-    made = {role: keys.create(role, role)[1] for role in ("read", "submit", "admin")}
-    database.close()
-    return made
 
 
 def begun(
