@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import random
+import shutil
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,13 @@ import httpx
 import numpy as np
 import pytest
 from service_process import LONG, Server, wait_for
+from test_full_disk import turn_of
 
 import renderer
 from service.damage import EstimateDamaged, first_sound
+from service.engine import worker
+from service.estimates import EstimateFiles
+from service.quarantine import Quarantine
 from service.store import Kept, Progress
 
 SIZE = {"width": 48, "height": 48, "seed": 4}
@@ -107,6 +113,29 @@ def test_a_damaged_estimate_of_an_ended_job_is_gone_with_a_cause(own_server: Ser
     calm = renderer.render("cornell-box", renderer.Target(spp=96), renderer.Settings(48, 48, 4))
     assert np.array_equal(mine.moments.mean, calm.moments.mean)
     assert "Traceback" not in own_server.log_path.read_text()
+
+
+def test_a_sound_estimate_that_is_not_the_one_that_was_saved_is_not_begun_from(tmp_path: Path) -> None:
+    """Whoever reads it finds nothing wrong: its checksum alone tells."""
+
+    def saved(seed: int) -> Kept:
+        turn = replace(turn_of(tmp_path, spp=4), settings={"width": 8, "height": 8, "seed": seed}, job_id=f"j{seed}")
+        while (told := worker.advance(turn)).stopped_by is None:
+            assert told.failure is None, told.failure
+        assert told.saved is not None
+        return told.saved
+
+    mine, other = saved(1), saved(2)
+    folder = tmp_path / "estimates"
+    again = replace(turn_of(tmp_path, spp=8), settings={"width": 8, "height": 8, "seed": 1}, job_id="j1", kept=(mine,))
+    shutil.copy(folder / other.name, folder / mine.name)
+    began = worker.advance(replace(again, attempt=2))
+    assert began.start is not None
+    assert began.start.damaged == ((mine, "its checksum differs"),)
+    files = EstimateFiles(folder, Quarantine(tmp_path / "quarantine"))
+    with pytest.raises(EstimateDamaged, match="its checksum differs"):
+        files.check(mine)
+    files.check(other)
 
 
 @pytest.mark.parametrize("damage", [flip, Path.unlink])

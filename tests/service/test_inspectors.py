@@ -108,7 +108,7 @@ def test_one_clients_line_has_an_end(tmp_path: Path) -> None:
         line = Line(tmp_path, 1)
         tasks = await line.begin(*(f"a{i}" for i in range(22)))
         with pytest.raises(TooManyWaiting):
-            await tasks[-1]
+            await asyncio.wait_for(tasks[-1], 20)
         await line.begin("b1")
         for task in tasks:
             task.cancel()

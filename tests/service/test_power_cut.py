@@ -15,8 +15,10 @@ from typing import Any
 import httpx
 import pytest
 from service_process import PLAIN_SCENE, SMALL, Server
+from test_full_disk import turn_of
 
 from service.durable_files import move_into_place
+from service.engine import worker
 from service.engine.turn import SceneFacts
 from service.quarantine import Quarantine
 from service.room import Disk
@@ -96,6 +98,24 @@ def test_what_is_moved_into_place_was_synced_before(tmp_path: Path, calls: Calls
     (tmp_path / "new").write_text("x")
     move_into_place(tmp_path / "new", tmp_path / "kept")
     assert calls == [("sync", "new"), ("rename", "kept"), ("sync", str(tmp_path))]
+
+
+def test_a_saved_estimate_is_on_disk_before_it_is_told(tmp_path: Path, calls: Calls) -> None:
+    turn = turn_of(tmp_path, spp=4)
+    while (told := worker.advance(turn)).stopped_by is None:
+        assert told.failure is None, told.failure
+    assert told.saved is not None
+    at = calls.index(("rename", f"estimates/{told.saved.name}"))
+    assert calls[at - 1][0] == "sync", "its content"
+    assert Path(calls[at - 1][1]).parent == Path("estimates/j")
+    assert calls[at + 1 :] == [("sync", "estimates/j"), ("sync", "estimates")]
+
+
+def test_what_is_committed_is_flushed(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path}/a.sqlite")
+    with database.write() as connection:
+        assert connection.exec_driver_sql("PRAGMA synchronous").scalar() == 2, "FULL"
+    database.close()
 
 
 @pytest.mark.parametrize("damage", ["empty", "flip", "missing", "no folder", "more", "requirements"])

@@ -93,7 +93,8 @@ def test_a_reader_who_takes_nothing_is_let_go_and_a_slow_one_is_not() -> None:
 
 
 def test_the_service_takes_as_many_descriptors_as_it_may(own_server: Server) -> None:
-    server = own_server.start()
+    own_server.wrapper = ["sh", "-c", 'ulimit -Sn 256; exec "$@"', "sh"]
+    server = own_server.start(wait_until="/healthz")
     assert server.process is not None
     limits = Path(f"/proc/{server.process.pid}/limits").read_text()
     soft, hard = next(line.split()[3:5] for line in limits.splitlines() if line.startswith("Max open files"))
