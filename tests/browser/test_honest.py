@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
@@ -53,6 +54,21 @@ def test_the_downloaded_png_is_the_picture_that_is_shown(page: Page, stage: Stag
         assert min(around) < 3, f"{tone}: the nearest is {min(around):.1f} levels off in the mean"
         pictures[tone] = loaded
     assert np.abs(pictures["filmic"].astype(int) - pictures["srgb"]).mean() > 5
+
+
+@pytest.mark.parametrize("needs", [192, None])
+def test_too_few_replicates_to_trust_any_pixel_are_told_with_the_samples_that_it_takes(
+    page: Page, stage: Stage, needs: int | None
+) -> None:
+    health: dict[str, Any] = {"status": "uncertain", "invalid": 0, "invalid_pixels": 0, "empty_pixels": 0}
+    health |= {"untrusted": 1.0, "cannot_see": [], "warnings": [], "needs_samples": needs}
+    pretend(page, stage, health=health, share_trusted=0.0)
+    card = page.get_by_label("Progress", exact=True)
+    expect(card.get_by_text("Trusted pixels")).to_be_visible()
+    said = card.get_by_text("samples per pixel on")
+    expect(said).to_have_count(0 if needs is None else 1)
+    if needs is not None:
+        expect(said).to_contain_text("from 192 samples per pixel on")
 
 
 def _pixels(path: Path) -> np.ndarray:
