@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.equation.guide import CELLS, COLUMNS, FEATURES, NORMAL_SCALE, ROWS, Guide
-from renderer.equation.light_table import cumulative
+from renderer.equation.lights.place_tree import cumulative
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
-from renderer.equation.emitters import choice_probabilities, is_sampleable
+from renderer.equation.lights.powers import choice_probabilities
+from renderer.equation.lights.scene_lights import is_sampleable
 from renderer.equation.rays import NOWHERE
 from renderer.equation.sequence import Sequence
 from renderer.equation.tables import number, table

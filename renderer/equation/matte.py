@@ -117,13 +117,16 @@ def _reflectances(bsdfs: list[Any]) -> dict[int, tuple[Any, Any] | None]:
     ids = np.array([registry_id(bsdf) for bsdf in bsdfs], np.uint32)
     rng = np.random.default_rng(1)
     n = len(ids) * 2 * PROBES
-    z = rng.uniform(0.1, 0.95, (2, n)) * np.tile(np.repeat([1, -1], PROBES), len(ids))
-    phi = rng.uniform(0, 2 * np.pi, (2, n))
+    # The same ones for all, or the last bits of what is found would depend on the order in which Mitsuba loads them.
+    each = rng.uniform(0.1, 0.95, (2, 2 * PROBES)) * np.repeat([1, -1], PROBES)
+    z, phi, uv = (
+        np.tile(values, len(ids)) for values in (each, rng.uniform(0, 2 * np.pi, each.shape), rng.random(each.shape))
+    )
     wi, wo = (mi.Vector3f(*(table(x, mi.Float) for x in _directions(z[k], phi[k]))) for k in range(2))
     si = dr.zeros(mi.SurfaceInteraction3f, n)
     si.wi, si.sh_frame = wi, mi.Frame3f(mi.Normal3f(0, 0, 1))
     si.n = mi.Normal3f(0, 0, 1)
-    si.uv = mi.Point2f(*(table(x, mi.Float) for x in rng.random((2, n))))
+    si.uv = mi.Point2f(*(table(x, mi.Float) for x in uv))
     pointers: Any = dr.reinterpret_array(mi.BSDFPtr, table(np.repeat(ids, 2 * PROBES), mi.UInt32))
     value, pdf = pointers.eval_pdf(mi.BSDFContext(), si, wo, dr.full(mi.Bool, True, n))
     values = np.array(intensity(value), np.float64)

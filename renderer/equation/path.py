@@ -27,11 +27,12 @@ from numpy.typing import NDArray
 from renderer.backend import mitsuba, using
 from renderer.equation import mueller, roulette
 from renderer.equation.camera import camera_of
-from renderer.equation.emitters import EmitterSampler
 from renderer.equation.film import Lanes, SharedFilm, generator_of
 from renderer.equation.filter import PixelFilter
 from renderer.equation.guide import Guide, GuideTables
 from renderer.equation.launch import Launch, SharedLaunch
+from renderer.equation.lights.sampler import EmitterSampler, useful_survey
+from renderer.equation.lights.scene_lights import lights_of
 from renderer.equation.loaded import loaded_scenes, note_loaded
 from renderer.equation.matte import Matte
 from renderer.equation.mis import power_heuristic
@@ -185,7 +186,8 @@ class PathKernel:
             self.directions = GuidedDirections(self.directions, GuideTables(guide))
         self.rays = TreeRays(scene) if model.has_tree else ListRays(scene, listed(scene), model.needs_uv)
         surveys = model.samples_emitters and model.surveys_lights
-        self.emitters = EmitterSampler(scene, sensor if surveys else None, is_helped=model.technique == "mis")
+        lights = lights_of(scene, is_helped=model.technique == "mis")
+        self.emitters = EmitterSampler(lights, useful_survey(scene, sensor, lights) if surveys else None)
         self.samples_emitters = model.samples_emitters and not self.emitters.is_empty
         self.reach = 0 if self.film is None else self.film.reach  # squares around the image that lanes are rendered in
         # Sensors take positions relative to the crop window, of which `size` is the number of pixels.
@@ -514,7 +516,7 @@ class PathKernel:
         if not self.model.has_visible_emitters:
             return mueller.no_light()
         si, emitter = vertex.si, vertex.emitter
-        spot = self.emitters.spot(vertex.direction, emitter, active)
+        hit = self.emitters.hit(vertex.direction, emitter, active)
         weight = mi.Float(1)
         if self.samples_emitters and self.model.technique == "emitter":
             weight = dr.select(before.is_alone, 1, 0)
@@ -523,9 +525,9 @@ class PathKernel:
             ref.p, ref.time = before.p, before.time
             ds = mi.DirectionSample3f(self.mitsuba_scene, si, ref)
             ds.emitter = emitter
-            pdf_em = self.emitters.pdf(ref, ds, si, active & ~before.is_alone, before.place, spot)
+            pdf_em = self.emitters.pdf(ref, ds, si, active & ~before.is_alone, before.place, hit)
             weight = dr.select(before.is_alone, 1, power_heuristic(before.pdf, pdf_em))
-        return mueller.lit(throughput * weight, self.emitters.emission(si, emitter, active, spot))
+        return mueller.lit(throughput * weight, self.emitters.emission(si, hit, active))
 
     def _passes_through(self, si: Any, depth: Any, active: Any) -> Any:
         """Whether the camera looks through a surface because it is that of a hidden light."""

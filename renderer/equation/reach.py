@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
-from renderer.equation.emitters import is_sampleable
+from renderer.equation.lights.scene_lights import is_sampleable
 from renderer.scene.plugins import by_class
 
 mi: Any = mitsuba()

@@ -337,8 +337,8 @@ class VolumeKernel(PathKernel):
             ratio, drawn = media.transmittance(ray, medium, dr.minimum(si.t, ray.maxt), stream, drawn, going)
             passed *= ratio
             sees_emitter = going & (emitter != None)  # noqa: E711 (a Dr.Jit comparison)
-            spot = self.emitters.spot(ray.d, emitter, sees_emitter)
-            seen[sees_emitter] = seen + passed * self.emitters.emission(si, emitter, sees_emitter, spot)
+            hit = self.emitters.hit(ray.d, emitter, sees_emitter)
+            seen[sees_emitter] = seen + passed * self.emitters.emission(si, hit, sees_emitter)
             going &= si.is_valid()
             passed[going] = passed * met.bsdf.eval_null_transmission(si, going)
             medium = media.target(si, ray.d, medium, going)

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
-from renderer.equation.emitters import EmitterSampler
+from renderer.equation.lights.sampler import EmitterSampler
+from renderer.equation.lights.scene_lights import lights_of
 from renderer.equation.path import Model, PathKernel
 from renderer.equation.sequence import Sequence
 from renderer.equation.techniques import Directions
@@ -162,7 +163,7 @@ class Lesson:
         return self._on_map(bs.wo, bs.pdf > 0, None)
 
     def _towards_lights(self, u: Any) -> Drawn:
-        sampler = EmitterSampler(self.scene.mitsuba_scene)
+        sampler = EmitterSampler(lights_of(self.scene.mitsuba_scene))
         if sampler.is_empty:
             return self._on_map(mi.Vector3f(0, 0, 1), mi.Mask(False), mi.Mask(False))
         ds, weight = sampler.sample(self.si, u, mi.Mask(True))

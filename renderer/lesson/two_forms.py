@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
-from renderer.equation.emitters import EmitterSampler
+from renderer.equation.lights.sampler import EmitterSampler
+from renderer.equation.lights.scene_lights import lights_of
 from renderer.equation.path import PathKernel
 from renderer.equation.sequence import Sequence
 from renderer.lesson.pixel import Lesson
@@ -53,7 +54,7 @@ class LightPoints:
 
 def light_points(lesson: Lesson, n: int, seed: int = 0) -> LightPoints | None:
     """n points on the lights as the pixel's point samples them; None where there is no light that can be sampled."""
-    sampler = EmitterSampler(lesson.scene.mitsuba_scene)
+    sampler = EmitterSampler(lights_of(lesson.scene.mitsuba_scene))
     if sampler.is_empty or not lesson.vertex.is_hit:
         return None
     numbers = dr.arange(mi.UInt32, n)

@@ -239,7 +239,7 @@ class Scene:
 
     def missed_lights(self, settings: Settings) -> tuple[str, ...]:
         """Sentences about lights of which the kernel's own sampler misses a part. Worked out once."""
-        from renderer.equation.light_check import lights_that_are_missed, lights_worth_checking
+        from renderer.equation.lights.check import lights_that_are_missed, lights_worth_checking
 
         model = replace(self.model(settings), replicate_size=1)
         if model not in self._missed:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import renderer
 from renderer.backend import using
-from renderer.equation.environment_map import EnvironmentMap
+from renderer.equation.lights.environment_map import EnvironmentMap
 from renderer.equation.path import PathKernel
 from renderer.estimate.error import floor_of
 from tests.benchmarks import scenes
@@ -47,7 +47,7 @@ def compare(name: str) -> None:
         kernels["default"] = PathKernel(scene.mitsuba_scene, camera, size, model)
         if kernels["default"].emitters.knows_places:
             kernels["by power"] = PathKernel(scene.mitsuba_scene, camera, size, replace(model, surveys_lights=False))
-        if kernels["default"].emitters.map is not None:
+        if kernels["default"].emitters.sky is not None:
             with patch.object(EnvironmentMap, "of", lambda *_: None):
                 kernels["by plugin"] = PathKernel(scene.mitsuba_scene, camera, size, model)
     peers = {sampler: Peer(scenes.load(name, WIDTH, "rgb"), sampler) for sampler in SAMPLERS}

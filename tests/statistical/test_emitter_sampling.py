@@ -11,7 +11,8 @@ from conftest import p_limit
 from directions import Array, Cone, p_value
 
 from renderer.backend import mitsuba
-from renderer.equation.emitters import EmitterSampler
+from renderer.equation.lights.sampler import EmitterSampler
+from renderer.equation.lights.scene_lights import lights_of
 
 mi = mitsuba()
 T = mi.ScalarTransform4f
@@ -220,7 +221,7 @@ class Seen:
 
     def __init__(self, case: Case) -> None:
         self.scene = mi.load_dict({"type": "scene", **case.lights})
-        self.sampler = EmitterSampler(self.scene, is_helped=case.is_helped)
+        self.sampler = EmitterSampler(lights_of(self.scene, is_helped=case.is_helped))
         self.point = case.point
 
     def reference(self, n: int) -> Any:

@@ -11,8 +11,8 @@ from conftest import z_limit
 
 import renderer
 from renderer.backend import mitsuba, using
-from renderer.equation import environment_map
-from renderer.equation.environment_map import EnvironmentMap
+from renderer.equation.lights import environment_map
+from renderer.equation.lights.environment_map import EnvironmentMap
 from renderer.equation.path import PathKernel
 
 mi = mitsuba()
@@ -111,7 +111,7 @@ def test_densities_add_up_to_one_in_each_patch_and_in_all(is_compensated: bool, 
 @pytest.mark.parametrize("indoors", [False, True])
 def test_patches_are_asked_by_the_place_only_where_much_of_the_sky_is_hidden(indoors: bool) -> None:
     emitters = kernel_of(loaded(scene_of(indoors))).emitters
-    assert emitters.map is not None
+    assert emitters.sky is not None
     assert emitters.knows_places is indoors
     assert (emitters.n_patches > 1) is emitters.knows_places
 
@@ -125,7 +125,7 @@ def test_pictures_agree_with_those_by_direction_sampling_and_by_the_plugin(
     ours = [kernel_of(scene), kernel_of(scene, "emitter"), kernel_of(scene, surveys_lights=False)]
     monkeypatch.setattr(environment_map, "MOST_TEXELS", 100)  # of a larger one, a smaller says where to look
     ours += [kernel_of(scene), kernel_of(scene, "emitter")]
-    assert all(kernel.emitters.map is not None for kernel in ours)
+    assert all(kernel.emitters.sky is not None for kernel in ours)
     monkeypatch.setattr(EnvironmentMap, "of", lambda *_: None)
     others = [kernel_of(scene, "bsdf"), kernel_of(scene)]
     found = [mean_of(kernel, seed + i) for i, kernel in enumerate(ours + others)]
@@ -136,7 +136,7 @@ def test_pictures_agree_with_those_by_direction_sampling_and_by_the_plugin(
 
 def test_an_even_map_is_sampled_as_a_whole() -> None:
     image = np.ones((8, 16, 3), np.float32)
-    assert kernel_of(loaded(scene_of(False, mi.Bitmap(image)))).emitters.map is not None
+    assert kernel_of(loaded(scene_of(False, mi.Bitmap(image)))).emitters.sky is not None
 
 
 def mean_of(kernel: PathKernel, seed: int, replicates: int = 192) -> tuple[float, float]:

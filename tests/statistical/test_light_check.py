@@ -16,8 +16,8 @@ from test_painted_lights import BIG_UV, LIGHTS, plate, room
 
 import renderer
 from renderer.backend import mitsuba, using
-from renderer.equation.environment_map import EnvironmentMap
-from renderer.equation.light_check import lights_that_are_missed
+from renderer.equation.lights.check import lights_that_are_missed
+from renderer.equation.lights.environment_map import EnvironmentMap
 from renderer.scene.report import inspect_scene
 
 SUN = np.full((16, 32, 3), 0.1, np.float32)
@@ -47,7 +47,7 @@ def test_nothing_is_said_of_a_sky_that_is_found(texels: np.ndarray) -> None:
 def test_a_sampler_that_misses_most_of_a_picture_that_repeats_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("renderer.equation.surface_lights._is_ours", lambda *args: False)
+    monkeypatch.setattr("renderer.equation.lights.surface_lights._is_ours", lambda *args: False)
     (said,) = said_of(room(plate(tmp_path, uv=BIG_UV)))
     assert said.startswith("light check: ")
     assert "'light'" in said
@@ -68,7 +68,7 @@ def test_a_sampler_of_the_sky_that_misses_half_of_it_is_named(monkeypatch: pytes
 @pytest.mark.parametrize("texels", [SUN, np.roll(SUN, 5, axis=0), SUN * 0 + 1 + (SUN > 1)])
 def test_a_render_checks_its_own_sampler_and_has_nothing_to_say_of_what_it_leaves_to_bsdfs(texels: np.ndarray) -> None:
     scene = renderer.load_scene(room(sky(texels)))
-    assert scene.kernel(scene.resolved(renderer.Settings(), 1)).emitters.map is not None
+    assert scene.kernel(scene.resolved(renderer.Settings(), 1)).emitters.sky is not None
     estimate = renderer.render(scene, renderer.Target(spp=4), renderer.Settings(width=8, height=8))
     assert not [line for line in estimate.health.warnings if line.startswith("light check: ")]
 
@@ -88,7 +88,7 @@ def test_a_render_whose_sampler_misses_half_of_a_sky_says_so_in_its_health(monke
 
 def test_a_brief_render_has_no_time_for_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("renderer.progress.LIGHT_CHECK_SECONDS", 1e9)
-    monkeypatch.setattr("renderer.equation.light_check.lights_that_are_missed", lambda *_: ("light check: called",))
+    monkeypatch.setattr("renderer.equation.lights.check.lights_that_are_missed", lambda *_: ("light check: called",))
     scene = renderer.load_scene(room(sky()))
     small = renderer.Settings(width=8, height=8)
     assert not renderer.render(scene, renderer.Target(seconds=0.1), small).health.warnings

@@ -13,9 +13,10 @@ from scipy.stats import chi2
 
 import renderer
 from renderer.backend import mitsuba, using
-from renderer.equation import emitters as emitter_sampling
-from renderer.equation.emitters import EmitterSampler
-from renderer.equation.light_choice import MOST_ENTRIES
+from renderer.equation.lights import sampler as emitter_sampling
+from renderer.equation.lights.choice import MOST_ENTRIES
+from renderer.equation.lights.sampler import EmitterSampler, useful_survey
+from renderer.equation.lights.scene_lights import lights_of
 from renderer.equation.path import PathKernel
 
 mi = mitsuba()
@@ -59,7 +60,12 @@ def hall(n_lights: int, colour: bool = True) -> dict[str, Any]:
 
 def surveyed(contents: dict[str, Any]) -> EmitterSampler:
     scene = mi.load_dict(contents)
-    return EmitterSampler(scene, scene.sensors()[0])
+    return of_scene(scene)
+
+
+def of_scene(scene: Any) -> EmitterSampler:
+    lights = lights_of(scene)
+    return EmitterSampler(lights, useful_survey(scene, scene.sensors()[0], lights))
 
 
 def place_of(sampler: EmitterSampler, point: tuple[float, float, float], n: int = 1) -> Any:
@@ -72,7 +78,7 @@ def test_every_light_is_chosen_as_often_as_the_table_says(n_lights: int, seed: i
     choice: Any = sampler.choice
     assert sampler.knows_places
     assert choice.is_shared == (n_lights > MOST_ENTRIES)
-    n = sampler.n_emitters
+    n = sampler.n_entries
     rows = []
     for i, point in enumerate(POINTS):
         place = place_of(sampler, point)
@@ -112,7 +118,7 @@ def test_a_draw_is_told_the_same_density_as_a_hit_at_its_place(n_lights: int, se
 
     contents = hall(n_lights)
     scene = mi.load_dict(contents)
-    sampler = EmitterSampler(scene, scene.sensors()[0])
+    sampler = of_scene(scene)
     for point in POINTS:
         place = place_of(sampler, point)
         ref = dr.zeros(mi.Interaction3f, DRAWS)

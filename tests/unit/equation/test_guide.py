@@ -16,7 +16,7 @@ from renderer.backend import mitsuba, using
 from renderer.equation import guide_fit, guide_training
 from renderer.equation.guide import CELLS, NORMAL_SCALE, Guide, GuideTables
 from renderer.equation.guide_fit import Records, cells_of, fit, leaves, plant
-from renderer.equation.light_table import cumulative
+from renderer.equation.lights.place_tree import cumulative
 from renderer.equation.tables import table
 from renderer.equation.techniques import Directions, GuidedDirections
 from renderer.errors import CheckpointError, MergeError, SettingsError

@@ -9,7 +9,8 @@ import pytest
 
 import renderer
 from renderer.backend import using
-from renderer.equation import emitters as lights
+from renderer.equation.lights.powers import choice_probabilities, side_by_side
+from renderer.equation.lights.scene_lights import is_sampleable
 
 
 @pytest.fixture(scope="module")
@@ -27,12 +28,11 @@ def scene() -> renderer.Scene:
 @pytest.mark.parametrize("seed", range(4))
 def test_lights_listed_in_another_order_are_chosen_alike_to_the_bit(scene: renderer.Scene, seed: int) -> None:
     with using(scene.variant):
-        listed = [e for e in scene.mitsuba_scene.emitters() if lights.is_sampleable(e)]
+        listed = [e for e in scene.mitsuba_scene.emitters() if is_sampleable(e)]
         shuffled = [listed[i] for i in np.random.default_rng(seed).permutation(len(listed))]
-        orders = [[each[i] for i in lights._side_by_side(each)] for each in (listed, shuffled)]
+        orders = [[each[i] for i in side_by_side(each)] for each in (listed, shuffled)]
         chances = [
-            dict(zip(map(str, each), lights.choice_probabilities(each).tolist(), strict=True))
-            for each in (listed, shuffled)
+            dict(zip(map(str, each), choice_probabilities(each).tolist(), strict=True)) for each in (listed, shuffled)
         ]
         assert [str(e) for e in orders[0]] == [str(e) for e in orders[1]]
         assert chances[0] == chances[1]

@@ -9,7 +9,8 @@ import pytest
 
 import renderer
 from renderer import Settings, Target
-from renderer.backend import mitsuba
+from renderer.backend import mitsuba, using
+from renderer.equation.matte import _reflectances
 
 LIGHTS: dict[str, dict[str, Any]] = {
     "point": {"type": "point", "position": [0, -6, 0], "intensity": 300.0},
@@ -48,3 +49,16 @@ def test_a_surface_in_an_instance_reflects_like_one_outside(light: str) -> None:
     )
     assert outside.max() > 0.1
     np.testing.assert_allclose(inside, outside, atol=0.02 * float(outside.max()))
+
+
+def test_what_is_known_of_a_surface_does_not_depend_on_the_others() -> None:
+    """Mitsuba loads plugins side by side, in any order: equal seeds would give other last bits."""
+    with using("llvm_ad_rgb"):
+        mi = mitsuba()
+        rng = np.random.default_rng(7)
+        colours = [{"type": "rgb", "value": rng.uniform(0.1, 0.9, 3).tolist()} for _ in range(12)]
+        bsdfs = [mi.load_dict({"type": "diffuse", "reflectance": colour}) for colour in colours]
+        forth, back = (_reflectances(some) for some in (bsdfs, bsdfs[::-1]))
+    assert all(sides is not None for sides in forth.values())
+    for registry, sides in forth.items():
+        np.testing.assert_array_equal(sides, back[registry])

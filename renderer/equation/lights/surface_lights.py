@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
-from renderer.equation import light_table
+from renderer.equation.lights import place_tree
+from renderer.equation.lights.group import Hit
 from renderer.equation.mueller import intensity
 from renderer.equation.primitives import FLAT_NORMAL
 from renderer.equation.tables import last_up_to, registry_id, table
@@ -39,47 +40,34 @@ SPECTRUM = (460.0, 530.0, 590.0, 640.0)  # wavelengths to probe, in nm
 
 
 class SurfaceLights:
-    """emitters: those of a scene. `is_empty` where none is of this kind. powers: emitted ones by registry id, NaN where
-    no probe has met light."""
+    """emitters: those of this kind in a scene. powers: what they emit, by registry id; NaN where no probe met light."""
 
-    def __init__(self, scene: Any, emitters: list[Any]) -> None:
-        shapes = {registry_id(shape.emitter()): shape for shape in scene.shapes() if shape.emitter() is not None}
-        ours = [emitter for emitter in emitters if _is_ours(emitter, shapes.get(registry_id(emitter)))]
-        self.powers: dict[int, float] = {}
-        self.is_empty = not ours
-        if self.is_empty:
-            return
-        ids = [registry_id(emitter) for emitter in ours]
-        most = int(np.clip(CELLS_OF_ALL // len(ours), LEAST_CELLS, MOST_CELLS))
-        pieces = [_Surface.made(shapes[i], most if is_varying(e) else 1) for i, e in zip(ids, ours, strict=True)]
+    tells_radiance = False
+
+    def __init__(self, emitters: list[Any], shapes: list[Any]) -> None:
+        ids = [registry_id(emitter) for emitter in emitters]
+        most = int(np.clip(CELLS_OF_ALL // len(emitters), LEAST_CELLS, MOST_CELLS))
+        pieces = [_Surface.made(shape, most if is_varying(e) else 1) for e, shape in zip(emitters, shapes, strict=True)]
         self.has_meshes = any(len(piece.faces) for piece in pieces)
         self.has_round_ones = any(piece.kind is not None for piece in pieces)
         self._set_tables(pieces)
-        self.powers = dict(zip(ids, self._choose(ours), strict=True))
+        self._alone = emitters[0] if len(emitters) == 1 else None
+        self.powers = dict(zip(ids, self._choose(emitters), strict=True))
+        # For each light its first cell, and how many it has.
+        self._lights = table(np.stack([self._first, self._counts], axis=1).ravel(), mi.UInt32)
 
-    def number(self, emitters: list[Any]) -> None:
-        """From here on, lights are known by their place in this list."""
-        # For each, number + 1 of a light of ours, its first cell, and how many it has.
-        rows = np.zeros((len(emitters), 4), np.uint32)
-        ours = {registry: number for number, registry in enumerate(self.powers)}
-        for row, emitter in zip(rows, emitters, strict=True):
-            number = ours.get(registry_id(emitter))
-            if number is not None:
-                row[:3] = number + 1, self._first[number], self._counts[number]
-        self._lights = table(rows.ravel(), mi.UInt32)
+    @classmethod
+    def among(cls, emitters: list[Any], shapes: dict[int, Any]) -> SurfaceLights | None:
+        """Those among emitters, if there are any. shapes: by their emitter's registry id."""
+        ours = [e for e in emitters if _is_ours(e, shapes.get(registry_id(e)))]
+        return cls(ours, [shapes[registry_id(e)] for e in ours]) if ours else None
 
-    def is_known(self, index: Any, active: Any) -> Any:
-        """Whether a light is one of these."""
-        if self.is_empty:
-            return mi.Bool(False)
-        return active & (dr.gather(mi.UInt32, self._lights, 4 * index, active) > 0)
-
-    def sample(self, ref: Any, index: Any, emitter: Any, asked: Any, u: Any, active: Any) -> tuple[Any, Any]:
-        """A point on a light as seen from ref. asked: the emitter to ask. Returns (DirectionSample3f, radiance/pdf)."""
-        first, count = (dr.gather(mi.UInt32, self._lights, 4 * index + i, active) for i in (1, 2))
+    def sample(self, ref: Any, row: Any, emitter: Any, u: Any, active: Any) -> tuple[Any, Any]:
+        """As `LightGroup.sample`."""
+        first, count = (dr.gather(mi.UInt32, self._lights, 2 * row + i, active) for i in (0, 1))
         cell = first + last_up_to(u.x, self._sums, first, count, self.most_cells, active)
         low, high = dr.gather(mi.Float, self._sums, cell, active), dr.gather(mi.Float, self._ends, cell, active)
-        inside = (u.x - low + 0.5 / light_table.GRID) / (high - low)
+        inside = (u.x - low + 0.5 / place_tree.GRID) / (high - low)
         si = self._point(cell, mi.Point2f(dr.clip(inside, 0, 1 - 2**-24), u.y), active)
         ds = dr.zeros(mi.DirectionSample3f)
         towards = si.p - ref.p
@@ -91,15 +79,19 @@ class SurfaceLights:
         ds.pdf = dr.select(active & (ds.dist > 0) & dr.isfinite(pdf), pdf, 0)
         si.wi = si.to_local(-ds.d)
         si.time, si.wavelengths = ref.time, ref.wavelengths
+        asked = emitter if self._alone is None else self._alone
         radiance = intensity(asked.eval(si, active & (ds.pdf > 0)))
         return ds, dr.select(ds.pdf > 0, radiance / ds.pdf, 0)
 
-    def pdf(self, si: Any, ds: Any, index: Any, active: Any) -> Any:
-        """Solid-angle density with which `sample` finds the hit `si`, seen as `ds` says."""
-        number = dr.gather(mi.UInt32, self._lights, 4 * index, active) - 1
-        by_area = dr.gather(mi.Float, self._densities, self._cell(si, number, active), active)
+    def pdf(self, ref: Any, ds: Any, si: Any, hit: Hit, active: Any) -> Any:
+        """As `LightGroup.pdf`."""
+        by_area = dr.gather(mi.Float, self._densities, self._cell(si, hit.row, active), active)
         pdf = dr.square(ds.dist) * by_area / dr.abs(dr.dot(ds.d, si.n))  # ds.n is the smooth normal
         return dr.select(active & dr.isfinite(pdf), pdf, 0)
+
+    def emission(self, si: Any, hit: Hit, active: Any) -> Any:
+        """As `LightGroup.emission`."""
+        return intensity(hit.emitter.eval(si, active))
 
     # ------------------------------ Cells and points ------------------------------
 
@@ -269,7 +261,7 @@ class SurfaceLights:
             area = self._areas[mine] / self._areas[mine].sum()
             total = given[mine].sum()
             chance = area if total == 0 else BY_AREA * area + (1 - BY_AREA) * given[mine] / total
-            steps = light_table.cumulative(chance[None])[0].astype(np.float64)
+            steps = place_tree.cumulative(chance[None])[0].astype(np.float64)
             sums[mine], ends[mine] = steps[:-1], steps[1:]
             densities[mine] = np.diff(steps) / np.maximum(self._areas[mine], np.finfo(np.float64).tiny)
             powers.append(float(np.pi * total) if total > 0 else float("nan"))

@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
-from renderer.equation.emitters import EmitterSampler
+from renderer.equation.lights.environment_map import ENVIRONMENT_MAP
+from renderer.equation.lights.sampler import EmitterSampler
+from renderer.equation.lights.scene_lights import lights_of
+from renderer.equation.lights.surface_lights import is_varying
 from renderer.equation.mueller import intensity
 from renderer.equation.reach import named
 from renderer.equation.sequence import mix, unit
-from renderer.equation.surface_lights import is_varying
-from renderer.equation.tables import registry_id, table
+from renderer.equation.tables import table
 
 mi: Any = mitsuba()
 
@@ -41,7 +43,7 @@ def lights_that_are_missed(scene: Any, sampler: EmitterSampler | None = None) ->
     checked = lights_worth_checking(scene)
     if not checked:
         return ()
-    found = EmitterSampler(scene) if sampler is None else sampler
+    found = EmitterSampler(lights_of(scene)) if sampler is None else sampler
     said = []
     with dr.suspend_grad():
         for emitter in checked:
@@ -69,7 +71,7 @@ def _is_worth_it(emitter: Any) -> bool:
     if has(mi.EmitterFlags.Delta):
         return False
     if has(mi.EmitterFlags.Infinite):
-        return emitter.class_name() == "EnvironmentMapEmitter"
+        return emitter.class_name() == ENVIRONMENT_MAP
     return is_varying(emitter) and emitter.get_shape() is not None
 
 
@@ -85,22 +87,14 @@ def _share_found(a: NDArray[np.float64], b: NDArray[np.float64]) -> float | None
 
 def _sampled(sampler: EmitterSampler, emitter: Any) -> NDArray[np.float64] | None:
     """(places, n) radiance over density, by the sampler that a render has."""
-    if sampler.is_empty:
-        return np.zeros((PLACES, PER_PLACE))
-    places, lane = _places(emitter), dr.arange(mi.UInt32, PLACES * PER_PLACE)
-    ref = _reference(places, lane)
-    u = _even_points(lane)
-    if sampler.map is not None and emitter.class_name() == "EnvironmentMapEmitter":
-        # Each patch has its share of the points, each point stands for all of them.
-        patch = lane % sampler.n_patches
-        _, weight = sampler.map.sample(ref, patch, sampler.sky, u, mi.Bool(True))
-        return _rows(weight) * sampler.n_patches
-    ids = np.array(dr.reinterpret_array(mi.UInt32, sampler.pointers)) if sampler.n_emitters else np.zeros(0, np.uint32)
-    index = np.flatnonzero(ids == registry_id(emitter))
-    if not len(index):
+    entries = range(0) if sampler.is_empty else sampler.entries_of(emitter)
+    if not entries:
         return np.zeros((PLACES, PER_PLACE))  # it counts as dark
-    _, weight = sampler._sample_other(ref, mi.UInt32(int(index[0])) + dr.zeros(mi.UInt32, len(lane)), u, mi.Bool(True))
-    return _rows(weight)
+    places, lane = _places(emitter), dr.arange(mi.UInt32, PLACES * PER_PLACE)
+    # Each patch of a sky has its share of the points, each point stands for all of them.
+    index = entries.start + lane % len(entries)
+    _, weight = sampler.sample_light(_reference(places, lane), index, _even_points(lane), mi.Bool(True))
+    return _rows(weight) * len(entries)
 
 
 def _even(sampler: EmitterSampler, emitter: Any) -> NDArray[np.float64] | None:
@@ -115,8 +109,8 @@ def _even(sampler: EmitterSampler, emitter: Any) -> NDArray[np.float64] | None:
         direction = mi.warp.square_to_uniform_sphere(u)
         si.wi = -direction
         value = _rows(intensity(emitter.eval(si, mi.Bool(True))) * (4 * dr.pi))
-        if not sampler.is_empty and sampler.map is not None:
-            aimed_at = np.array(sampler.map.spot(direction, mi.Bool(True)).density > 0).reshape(value.shape)
+        if not sampler.is_empty and sampler.sky is not None:
+            aimed_at = np.array(sampler.sky.spot(direction, mi.Bool(True)).density > 0).reshape(value.shape)
             value[~aimed_at & (value < DIM * value.mean())] = 0
         return value
     at = shape.sample_position(0.0, u)

@@ -1,8 +1,8 @@
-"""Lights of even radiance on a plate or a ball, sampled here instead of by a call to their plugins.
+"""Lights of uniform radiance on a quad or a sphere, sampled here instead of by a call to their plugins.
 
 Enters: emitters. Leaves: a table with a row for each, and from it direction samples, densities and radiances in a few
-instructions. A ball is sampled by the cone it subtends, with 1 − cos written as sin²/(1 + cos): in float32 the plain
-form is off by 7 % at a milliradian and black below a tenth of one. A plate is sampled by its area.
+instructions. A sphere is sampled by the cone it subtends, with 1 − cos written as sin²/(1 + cos): in float32 the plain
+form is off by 7 % at a milliradian and black below a tenth of one. A quad is sampled by its area.
 Sources: Shirley, Wang & Zimmerman 1996; pbrt-v4, section 6.2.4.
 """
 
@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
+from renderer.equation.lights.group import Hit
+from renderer.equation.lights.surface_lights import is_smooth, is_varying, normal_at
 from renderer.equation.mueller import intensity
 from renderer.equation.primitives import sphere_of, whole_plate_of
-from renderer.equation.surface_lights import is_smooth, is_varying, normal_at
-from renderer.equation.tables import registry_id, table
+from renderer.equation.tables import table
 
 mi: Any = mitsuba()
 
@@ -29,59 +30,58 @@ ROW = 20  # numbers of a light
 
 @dataclass(frozen=True, slots=True)
 class _Light:
-    """One row: centre and radius (negative if a ball shines inwards, 0 for a plate), half edges, 1/area, whether it is
-    known at all, normal on the side that shines, radiance."""
+    """One row: centre and radius (negative if a sphere shines inwards, 0 for a quad), half edges, 1/area, a number that
+    is not used, normal on the side that shines, radiance."""
 
     centre: Any
     radius: Any
     first: Any
     inverse_area: Any
     second: Any
-    is_known: Any
+    _: Any
     normal: Any
     radiance: Any
 
 
-class EvenLights:
-    """emitters: those of a scene, in the order of their index. `knows_all` where none is of another kind; `other`: that
-    which is, where there is just one."""
+@dataclass(frozen=True)
+class UniformShape:
+    """A light of this kind, as a row of the table (see `_Light`)."""
 
-    def __init__(self, scene: Any, emitters: list[Any]) -> None:
-        # An emitter tells its shape without telling that it is a mesh.
-        shapes = {registry_id(shape.emitter()): shape for shape in scene.shapes() if shape.emitter() is not None}
-        rows = np.zeros((len(emitters), ROW), np.float32)
-        for row, emitter in zip(rows, emitters, strict=True):
-            _fill(row, emitter, shapes.get(registry_id(emitter)))
-        known = rows[:, 11] > 0
-        self.is_empty = not known.any()
-        self.knows_all = bool(known.all())
-        self.n_known = int(known.sum())
-        others = [emitter for emitter, is_known in zip(emitters, known, strict=True) if not is_known]
-        self.other = others[0] if len(others) == 1 else None
-        self.has_balls = bool((rows[known, 3] != 0).any())
-        self.has_plates = bool((rows[known, 3] == 0).any())
+    row: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, emitter: Any, shape: Any) -> UniformShape | None:
+        """None for all other lights."""
+        if shape is None or emitter.class_name() != "AreaLight" or is_varying(emitter) or is_smooth(shape):
+            return None
+        row = np.zeros(ROW, np.float32)
+        return cls(row) if _fill(row, emitter, shape) else None
+
+
+class UniformLights:
+    """The lights of this kind in a scene."""
+
+    def __init__(self, lights: list[UniformShape]) -> None:
+        rows = np.stack([light.row for light in lights])
         # A light alone becomes part of the code.
         self._alone = rows[0] if len(rows) == 1 else None
         self._rows = table(rows.ravel(), mi.Float) if self._alone is None else None
+        self.has_spheres = bool((rows[:, 3] != 0).any())
+        self.has_quads = bool((rows[:, 3] == 0).any())
+        self.tells_radiance = not mi.is_spectral
 
-    def is_known(self, index: Any, active: Any) -> Any:
-        """Whether a light is one of these."""
-        if self.knows_all:
-            return active
-        return active & (self._gathered(2, index, active).w > 0)
-
-    def sample(self, ref: Any, index: Any, emitter: Any, u: Any, active: Any) -> tuple[Any, Any]:
-        """A point on a light as seen from ref. Returns (DirectionSample3f, radiance / pdf)."""
-        light = self._light(index, active)
+    def sample(self, ref: Any, row: Any, emitter: Any, u: Any, active: Any) -> tuple[Any, Any]:
+        """As `LightGroup.sample`."""
+        light = self._light(row, active)
         ds = dr.zeros(mi.DirectionSample3f)
-        if self.has_plates:
+        if self.has_quads:
             ds.p = dr.fma(2 * u.x - 1, light.first, dr.fma(2 * u.y - 1, light.second, light.centre))
             ds.n = light.normal
-        if self.has_balls:
-            p, n = _point_on_ball(ref, u, light)
-            is_ball = light.radius != 0
-            ds.p = dr.select(is_ball, p, ds.p) if self.has_plates else p
-            ds.n = dr.select(is_ball, n, ds.n) if self.has_plates else n
+        if self.has_spheres:
+            p, n = _point_on_sphere(ref, u, light)
+            is_sphere = light.radius != 0
+            ds.p = dr.select(is_sphere, p, ds.p) if self.has_quads else p
+            ds.n = dr.select(is_sphere, n, ds.n) if self.has_quads else n
         towards = ds.p - ref.p
         ds.dist = dr.norm(towards)
         ds.d = towards / ds.dist
@@ -99,41 +99,38 @@ class EvenLights:
         ds.pdf = dr.select(shines, ds.pdf, 0)
         return ds, dr.select(shines, radiance / ds.pdf, 0)
 
-    def pdf(self, ref: Any, ds: Any, index: Any, active: Any) -> Any:
-        """Solid-angle density with which `sample` at ref finds the hit `ds`."""
-        return self._density(ref, ds, self._light(index, active))
+    def pdf(self, ref: Any, ds: Any, si: Any, hit: Hit, active: Any) -> Any:
+        """As `LightGroup.pdf`."""
+        return self._density(ref, ds, self._light(hit.row, active))
 
-    def radiance(self, si: Any, index: Any, active: Any) -> Any:
-        """What a light that was hit sends back along the ray; not in spectral variants."""
-        return dr.select(mi.Frame3f.cos_theta(si.wi) > 0, self._light(index, active).radiance, 0)
+    def emission(self, si: Any, hit: Hit, active: Any) -> Any:
+        """As `LightGroup.emission`; not in spectral variants."""
+        return dr.select(mi.Frame3f.cos_theta(si.wi) > 0, self._light(hit.row, active).radiance, 0)
 
     def _density(self, ref: Any, ds: Any, light: _Light) -> Any:
         by_area = dr.square(ds.dist) * light.inverse_area / dr.abs(dr.dot(ds.d, ds.n))
-        if not self.has_balls:
+        if not self.has_spheres:
             return by_area
         is_outside, one_minus_cos = cone(light.centre - ref.p, dr.abs(light.radius))
         by_cone = dr.rcp(dr.two_pi * one_minus_cos)
         return dr.select(is_outside & (light.radius != 0), by_cone, by_area)
 
-    def _light(self, index: Any, active: Any) -> _Light:
-        a, b, c, d, e = (self._gathered(i, index, active) for i in range(5))
+    def _light(self, row: Any, active: Any) -> _Light:
+        a, b, c, d, e = (self._gathered(i, row, active) for i in range(5))
         radiance = mi.Color3f(e.x, e.y, e.z)
         return _Light(
             mi.Point3f(a.x, a.y, a.z), a.w, mi.Vector3f(b.x, b.y, b.z), b.w, mi.Vector3f(c.x, c.y, c.z), c.w,
             mi.Normal3f(d.x, d.y, d.z), mi.UnpolarizedSpectrum(radiance.x) if mi.is_monochromatic else radiance,
         )  # fmt: skip
 
-    def _gathered(self, quarter: int, index: Any, active: Any) -> Any:
+    def _gathered(self, quarter: int, row: Any, active: Any) -> Any:
         if self._alone is not None:
             return mi.Vector4f(*map(float, self._alone[4 * quarter : 4 * quarter + 4]))
-        return dr.gather(mi.Vector4f, self._rows, index * (ROW // 4) + quarter, active)
+        return dr.gather(mi.Vector4f, self._rows, row * (ROW // 4) + quarter, active)
 
 
-def _fill(row: NDArray[np.float32], emitter: Any, shape: Any) -> None:
-    if shape is None or emitter.class_name() != "AreaLight":
-        return
-    if is_varying(emitter) or is_smooth(shape):
-        return
+def _fill(row: NDArray[np.float32], emitter: Any, shape: Any) -> bool:
+    """Whether the shape is a quad or a sphere, of which this then is the row."""
     if (ball := sphere_of(shape)) is not None:
         centre, radius = ball
         up = np.array([0.0, 0.0, radius])
@@ -145,16 +142,16 @@ def _fill(row: NDArray[np.float32], emitter: Any, shape: Any) -> None:
         row[7] = 1 / (4 * np.linalg.norm(np.cross(first, second)))
         row[12:15] = np.array(shape.sample_position(0, mi.Point2f(0.3, 0.4)).n, np.float64).ravel()
     else:
-        return
-    row[11] = 1
+        return False
     if mi.is_spectral:
-        return
+        return True
     si = dr.zeros(mi.SurfaceInteraction3f)
     si.wi = mi.Vector3f(0, 0, 1)
     row[16:19] = np.array(intensity(emitter.eval(si)), np.float64).ravel()
+    return True
 
 
-def _point_on_ball(ref: Any, u: Any, light: _Light) -> tuple[Any, Any]:
+def _point_on_sphere(ref: Any, u: Any, light: _Light) -> tuple[Any, Any]:
     """A point on a sphere and its normal: uniform in the cone that it subtends, or by area from inside or on it."""
     to_centre = light.centre - ref.p
     radius = dr.abs(light.radius)

@@ -11,7 +11,6 @@ Skřivan & Křivánek 2019 (MIS compensation).
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
+from renderer.equation.lights.group import Hit, Spot
 from renderer.equation.mueller import intensity
 from renderer.equation.tables import last_up_to, number, table
 from renderer.estimate.moments import LUMINANCE
@@ -34,21 +34,15 @@ DARKEST = 1e-12  # share of a patch without light: what is chosen has a probabil
 ONE_MINUS_EPSILON = 1 - 2**-24
 
 
-@dataclass(frozen=True, slots=True)
-class Spot:
-    """A direction on the map. patch: its number. radiance: a spectrum. density: per solid angle, within the patch."""
-
-    patch: Any
-    radiance: Any
-    density: Any
-
-
 class EnvironmentMap:
     """shares: (n_patches,) of what is sampled, none of them zero. Rows run from the pole +y to −y, columns around it.
 
     texels: (height, width, 3). rotation: from the map to the world. is_compensated: see `_compensated`. plugin: to ask
     for the radiance, where texels say it only about.
+    As a group of lights (`group.py`), its rows are its patches.
     """
+
+    tells_radiance = True
 
     def __init__(
         self,
@@ -179,6 +173,16 @@ class EnvironmentMap:
         density = self._density(found.w, patch, sine, active)
         ds.pdf = dr.select(active & (density > 0) & dr.isfinite(density), density, 0)
         return ds, dr.select(ds.pdf > 0, self._radiance(found, ds.d, ds.pdf > 0) / ds.pdf, 0)
+
+    def pdf(self, ref: Any, ds: Any, si: Any, hit: Hit, active: Any) -> Any:
+        """As `LightGroup.pdf`."""
+        assert hit.spot is not None
+        return hit.spot.density
+
+    def emission(self, si: Any, hit: Hit, active: Any) -> Any:
+        """As `LightGroup.emission`."""
+        assert hit.spot is not None
+        return hit.spot.radiance
 
     def _radiance(self, found: Any, direction: Any, active: Any) -> Any:
         if self._plugin is None:

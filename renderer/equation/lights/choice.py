@@ -7,6 +7,7 @@ Of very many lights, neighbours share an entry of the row, and one of them is ch
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import drjit as dr
@@ -14,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
-from renderer.equation import light_table
-from renderer.equation.light_survey import Seen
+from renderer.equation.lights import place_tree
+from renderer.equation.lights.survey import Seen
 from renderer.equation.tables import last_up_to, table
 
 mi: Any = mitsuba()
@@ -38,14 +39,14 @@ class LightChoice:
         within: NDArray[np.float64] = weights / self.blind[entry]
         if self.is_shared:
             ends = np.append(self.first[1:], n)
-            inner = [light_table.cumulative(within[None, a:b])[0] for a, b in zip(self.first, ends, strict=True)]
+            inner = [place_tree.cumulative(within[None, a:b])[0] for a, b in zip(self.first, ends, strict=True)]
             self.most_within = int((ends - self.first).max())
             self._first, self._end = table(self.first, mi.UInt32), table(ends, mi.UInt32)
             self._before = table(np.concatenate([sums[:-1] for sums in inner]), mi.Float)
             self._within = table(np.concatenate([np.diff(sums) for sums in inner]), mi.Float)
         self._entry = table(entry, mi.UInt32)
         self.depth = 0
-        self._sums = table(light_table.cumulative(self.blind[None]).ravel(), mi.Float)
+        self._sums = table(place_tree.cumulative(self.blind[None]).ravel(), mi.Float)
 
     def visible_share(self, seen: Seen) -> float:
         """How much of the choice falls on lights that give anything, at the median of the points that are lit."""
@@ -55,21 +56,26 @@ class LightChoice:
 
     def gain(self, seen: Seen) -> float:
         """How many times smaller the second moment of a light's sample gets by choosing by the place."""
-        squares = light_table.relative_squares(seen.given)
-        _, leaf = light_table.plant(seen.features, squares, seen.depth)
-        rows = light_table.rows_of(squares, leaf, seen.depth, self.blind)
+        squares = place_tree.relative_squares(seen.given)
+        _, leaf = place_tree.plant(seen.features, squares, seen.depth)
+        rows = place_tree.rows_of(squares, leaf, seen.depth, self.blind)
         return float(np.sum(squares / self.blind) / max(np.sum(squares / rows[leaf]), 1e-30))
 
-    def learn(self, seen: Seen) -> None:
-        """From here on, chooses by the place."""
-        squares = light_table.relative_squares(seen.given)
-        nodes, leaf = light_table.plant(seen.features, squares, seen.depth)
-        rows = light_table.rows_of(squares, leaf, seen.depth, self.blind)
+    def informed(self, seen: Seen) -> LightChoice:
+        """The same that chooses by the place."""
+        other = copy.copy(self)
+        other._learn(seen)
+        return other
+
+    def _learn(self, seen: Seen) -> None:
+        squares = place_tree.relative_squares(seen.given)
+        nodes, leaf = place_tree.plant(seen.features, squares, seen.depth)
+        rows = place_tree.rows_of(squares, leaf, seen.depth, self.blind)
         self.depth = seen.depth
         self.centre = mi.Point3f(*(dr.opaque(mi.Float, x) for x in seen.centre))
         self.size = dr.opaque(mi.Float, seen.size)
         self._nodes = table(nodes.ravel(), mi.Float)
-        self._sums = table(light_table.cumulative(rows).ravel(), mi.Float)
+        self._sums = table(place_tree.cumulative(rows).ravel(), mi.Float)
 
     def place(self, p: Any, n: Any, active: Any) -> Any:
         """The place of a point p, seen from the side of the normal n; 0 where places do not matter."""
@@ -81,7 +87,7 @@ class LightChoice:
         for _ in range(self.depth):
             split = dr.gather(mi.Vector2f, self._nodes, node, active)
             value = values[0]
-            for i in range(1, light_table.FEATURES):
+            for i in range(1, place_tree.FEATURES):
                 value = dr.select(split.x == i, values[i], value)
             node = 2 * node + dr.select(value <= split.y, mi.UInt32(1), 2)
         return node - (2**self.depth - 1)
@@ -116,4 +122,4 @@ class LightChoice:
 def _fresh(u: Any, low: Any, share: Any) -> Any:
     """Where u lies within its share, in [0, 1). In the middle of its grid step: few steps make a small share, and
     their lower ends would all lie to one side of the light."""
-    return dr.clip((u - low + 0.5 / light_table.GRID) / share, 0, 1 - 2**-24)
+    return dr.clip((u - low + 0.5 / place_tree.GRID) / share, 0, 1 - 2**-24)

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from renderer.equation.light_table import BLIND_SHARE, FEATURES, GRID, cumulative, plant, relative_squares, rows_of
+from renderer.equation.lights.place_tree import (
+    BLIND_SHARE,
+    FEATURES,
+    GRID,
+    cumulative,
+    plant,
+    relative_squares,
+    rows_of,
+)
 
 
 def descend(nodes: np.ndarray, depth: int, features: np.ndarray) -> np.ndarray:
