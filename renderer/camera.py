@@ -43,6 +43,8 @@ class Camera:
         if self.origin is not None and self.origin == self.target:
             where = _said(self.origin)
             raise SettingsError(f"camera origin and target are both {where}; it must look at another point")
+        if self.up is not None and self.origin is not None and self.target is not None:
+            to_world(np.eye(4), self.origin, self.target, self.up)  # raises where up is along the view
         if (fov := self.fov) is not None:
             if isinstance(fov, bool) or not isinstance(fov, Real) or not 0 < float(fov) < 180:
                 raise SettingsError(f"camera fov is {fov!r}; it must be above 0 and below 180 degrees")

@@ -17,6 +17,7 @@ from renderer.scene import rewrite
 from renderer.scene.geometry import STAND_IN
 from renderer.scene.limits import SceneLimits
 from renderer.scene.loaded_lights import make_maps_finite, missing_attributes, unsampleable_light
+from renderer.scene.loaded_media import unnamed_medium
 from renderer.scene.numerics import THIN_GAP_LISTED
 from renderer.scene.parameters import Source
 from renderer.scene.requirements import NO_EMITTERS, Requirements, measure, refuse_unsupported, warnings_of
@@ -64,6 +65,7 @@ class Scene:
     is_sensor_chosen: bool
     camera: Camera | None
     _parsed: Parsed = field(repr=False)
+    _sensor_warnings: tuple[str, ...] = field(default=(), repr=False)
     _kernels: dict[Any, PathKernel] = field(default_factory=dict, repr=False)
     _audits: dict[Any, Audit | None] = field(default_factory=dict, repr=False)
     _missed: dict[Any, tuple[str, ...]] = field(default_factory=dict, repr=False)
@@ -77,7 +79,7 @@ class Scene:
     def warnings(self) -> tuple[str, ...]:
         """What is legal but odd about the scene, and about what was left open."""
         several = None if self.is_sensor_chosen else rewrite.several_sensors(self.sensors)
-        found = (*self.requirements.warnings, *self.requirements.unheard)
+        found = (*self.requirements.warnings, *self._sensor_warnings, *self.requirements.unheard)
         return found if several is None else (*found, several)
 
     @property
@@ -143,9 +145,11 @@ class Scene:
         with using(self.variant):
             view = _View(index, camera, self.similarity)
             made = _make_sensor(self._parsed, self.mitsuba_scene, settings.width, settings.height, view)
-        sensor, width, height = made
+            sensor, width, height = made
+            said = unnamed_medium(self.mitsuba_scene, sensor) if self.requirements.media else ()
         choice: dict[str, Any] = {"sensor_index": index, "is_sensor_chosen": is_chosen, "camera": camera}
-        return replace(self, sensor=sensor, width=width, height=height, _kernels={}, _audits={}, _missed={}, **choice)
+        choice |= {"sensor": sensor, "width": width, "height": height, "_sensor_warnings": said}
+        return replace(self, _kernels={}, _audits={}, _missed={}, **choice)
 
     def model(self, settings: Settings, *, full: bool = False) -> Model:
         """What the kernel for resolved settings has to contain. full: also features that this scene does not need."""
@@ -341,6 +345,7 @@ def load_parsed(source: Source, parsed: Parsed, asked: Settings, rewrites: Colle
             raise SceneError(f"{parsed.name}: {why}")
         sensor, width, height = _make_sensor(changed, made, asked.width, asked.height, view)
         is_listed = primitives_of(made) is not None
+        said = unnamed_medium(made, sensor) if needs.media else ()
     needs = replace(needs, notes=notes)
     if is_listed:  # rays start on its surfaces, not a hair above
         needs = replace(needs, warnings=warnings_of(parsed, THIN_GAP_LISTED))
@@ -349,7 +354,7 @@ def load_parsed(source: Source, parsed: Parsed, asked: Settings, rewrites: Colle
         needs = replace(needs, warnings=(*needs.warnings, NO_EMITTERS))
     digest = passes.digest_with(parsed.digest, rewrites)
     placing = (similarity, tuple(rewrites), is_listed, sensors, view.index, asked.sensor is not None, asked.camera)
-    return Scene(source, parsed.name, digest, width, height, needs, made, sensor, variant, *placing, changed)
+    return Scene(source, parsed.name, digest, width, height, needs, made, sensor, variant, *placing, changed, said)
 
 
 def _is_meter(part: Any) -> bool:

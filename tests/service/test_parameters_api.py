@@ -79,6 +79,16 @@ def test_a_continued_job_keeps_its_parameters_and_camera(server: Server, client:
         ({"camera": {"fov": 180}}, "settings.camera.fov", "less than 180"),
         ({"camera": {"up": [0, 0, 0]}}, "settings.camera", "camera up is 0, 0, 0"),
         ({"camera": {"origin": [1, 2]}}, "settings.camera.origin", "3"),
+        (
+            {"camera": {"origin": [0, 1, 2], "target": [0, 1, 2]}},
+            "settings.camera",
+            "origin and target are both 0, 1, 2",
+        ),
+        (
+            {"camera": {"origin": [0, 5, 0], "target": [0, 1, 0], "up": [0, 2, 0]}},
+            "settings.camera",
+            "camera up is 0, 2, 0, which is along the direction of its view",
+        ),
         ({"camera": {"fov": 30}, "sensor": "flat"}, "settings.camera", "'flat' is of the type orthographic"),
     ],
 )
