@@ -85,3 +85,18 @@ def test_a_process_starts_on_full_shared_memory_with_what_was_kept_for_it(tmp_pa
     with pytest.raises(PermissionError):
         reserve.spending(lambda: (_ for _ in ()).throw(PermissionError()))
     assert reserve._held is not None
+
+
+def test_a_render_process_works_in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mitsuba looks for files where its process runs, too."""
+    (tmp_path / "data").mkdir()
+    monkeypatch.chdir(tmp_path)
+
+    async def listed() -> list[str]:
+        engine = LocalEngine("test", tmp_path / "displays")
+        try:
+            return await engine.submit(os.listdir, ".", deadline=60)
+        finally:
+            engine.close()
+
+    assert asyncio.run(listed()) == []

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import sqlite3
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 from service_process import LONG, Server
+
+from service.store.threads import WRITERS, reading, writing
 
 
 def test_reads_do_not_wait_for_a_held_write_lock_and_writes_are_told_to_come_again(own_server: Server) -> None:
@@ -35,3 +39,18 @@ def test_reads_do_not_wait_for_a_held_write_lock_and_writes_are_told_to_come_aga
     again = server.submit({"spp": 4})["id"]
     assert server.wait_ended(again)["state"] == "succeeded"
     server.cancel(job_id)
+
+
+def test_who_reads_needs_no_thread_of_those_who_write() -> None:
+    release = threading.Event()
+
+    async def read() -> int:
+        held = [asyncio.create_task(writing(release.wait, 30)) for _ in range(2 * WRITERS)]
+        await asyncio.sleep(0)
+        try:
+            return await reading(lambda: 7)
+        finally:
+            release.set()
+            await asyncio.gather(*held, return_exceptions=True)
+
+    assert asyncio.run(read()) == 7

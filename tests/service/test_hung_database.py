@@ -13,6 +13,7 @@ import httpx
 import pytest
 from postgres import MISSING, Postgres, is_installed
 from service_process import LONG, SMALL, Server, wait_for
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 
 from service.store import Database, JobStore
@@ -113,6 +114,20 @@ def test_the_service_ends_while_its_database_stands_still(own_server: Server, ow
         server.stop()  # fails where the process does not end
         assert server.process is not None
         assert server.process.poll() is not None
+
+
+def test_a_statement_that_takes_too_long_is_ended(postgres: Postgres, monkeypatch: pytest.MonkeyPatch) -> None:
+    for limit in ("_READ_SECONDS", "_LOCK_SECONDS"):
+        monkeypatch.setattr(f"service.store.lines.{limit}", 1)
+    database = Database(postgres.new_database())
+    database.create_tables()
+    with pytest.raises(OperationalError, match="statement timeout"), database.read() as connection:
+        connection.exec_driver_sql("SELECT pg_sleep(20)")
+    with database.write() as holding:
+        holding.exec_driver_sql("LOCK TABLE jobs")
+        with pytest.raises(OperationalError, match="lock timeout"), database.write() as connection:
+            connection.exec_driver_sql("LOCK TABLE jobs")
+    database.close()
 
 
 def test_what_nobody_waits_for_any_more_is_not_written(database_url: str, monkeypatch: pytest.MonkeyPatch) -> None:

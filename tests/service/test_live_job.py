@@ -7,6 +7,7 @@ from pathlib import Path
 
 from service.engine.turn import TurnResult
 from service.live import LiveJob
+from service.shown import MOST_CHARACTERS
 from service.states import State
 from service.store import JobRecord, Kept, Progress
 from service.store.records import now
@@ -45,3 +46,9 @@ def test_a_curve_goes_forward_also_where_a_crash_threw_the_job_back() -> None:
         live.absorb(turn(spp))
     live.absorb(turn(6))
     assert [point["spp"] for point in live.curve] == [3, 4, 5, 6]
+
+
+def test_long_names_in_what_a_scene_warns_of_are_cut() -> None:
+    live = LiveJob.of(RECORD, Path("display"))
+    live.absorb(replace(turn(4), warnings=(f"{'x' * 100_000}: flat",)))
+    assert [len(one) for one in live.record.warnings] == [MOST_CHARACTERS]

@@ -23,6 +23,7 @@ from service.engine.turn import SceneFacts
 from service.quarantine import Quarantine
 from service.room import Disk
 from service.settings import ServiceSettings
+from service.shown import MOST_CHARACTERS
 from service.store import Database, SceneDamaged, SceneRecord, SceneStore
 from service.uploads import Uploads
 
@@ -98,6 +99,20 @@ def test_what_is_moved_into_place_was_synced_before(tmp_path: Path, calls: Calls
     (tmp_path / "new").write_text("x")
     move_into_place(tmp_path / "new", tmp_path / "kept")
     assert calls == [("sync", "new"), ("rename", "kept"), ("sync", str(tmp_path))]
+
+
+def test_long_names_of_an_upload_are_cut(uploads: Uploads, monkeypatch: pytest.MonkeyPatch) -> None:
+    long = "x" * 100_000
+
+    async def inspect(*_: object) -> SceneFacts:
+        return SceneFacts(4, 3, "digest", (f"{long}: flat",), {"notes": [long], "sensor_choices": [{"name": long}]})
+
+    monkeypatch.setattr(uploads, "_inspect", inspect)
+    scene, _ = take(uploads)
+    assert [len(one) for one in scene.warnings] == [MOST_CHARACTERS]
+    told = uploads.requirements(scene.id)
+    assert told is not None
+    assert len(str(told)) < 5 * MOST_CHARACTERS
 
 
 def test_a_saved_estimate_is_on_disk_before_it_is_told(tmp_path: Path, calls: Calls) -> None:

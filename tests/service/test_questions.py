@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from service.dispatch import Candidate, Shares, next_job
-from service.questions import MOST_OF_ONE_CLIENT, Busy, Question, Questions
+from service.questions import MOST_OF_ONE_CLIENT, MOST_QUESTIONS, Busy, Question, Questions
 
 
 def share_of_turns(jobs: list[Candidate], asker: str, turns: int = 400) -> dict[str, float]:
@@ -59,5 +59,16 @@ def test_there_is_an_end_to_what_one_client_may_ask_at_once() -> None:
         questions.add(Question("b", 1.0, int, (), asyncio.get_running_loop().create_future()), 0.0)
         futures[0].cancel()  # its client has gone
         questions.add(Question("a", 1.0, int, (), futures[-1]), 0.0)
+
+    asyncio.run(flood())
+
+
+def test_there_is_an_end_to_what_all_may_ask_at_once() -> None:
+    async def flood() -> None:
+        questions, loop = Questions(), asyncio.get_running_loop()
+        for i in range(MOST_QUESTIONS):
+            questions.add(Question(f"{i}", 1.0, int, (), loop.create_future()), 0.0)
+        with pytest.raises(Busy):
+            questions.add(Question("one more", 1.0, int, (), loop.create_future()), 0.0)
 
     asyncio.run(flood())

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 from service_process import PLAIN_SCENE, ROOT
+from structlog.testing import capture_logs
 
 from service.engine import sandbox
 from service.engine.inspection import inspect_upload
-from service.engine.inspectors import Inspector
+from service.engine.inspectors import Inspector, Inspectors
 from service.engine.turn import SceneFacts
 
 _TRY = """
@@ -120,9 +121,12 @@ def test_a_scene_is_checked_within_it(inspector: Inspector) -> None:
     assert (facts.width, facts.height) == (32, 24)
 
 
-def test_what_the_system_cannot_do_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_system_cannot_do_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(sandbox, "_landlock_version", lambda: 0)
     monkeypatch.setattr(sandbox.platform, "machine", lambda: "riscv64")
     assert len(sandbox.missing()) == 2
+    with capture_logs() as lines:
+        Inspectors(tmp_path).prepare()
+    assert [line["lack"] for line in lines] == sandbox.missing(), "at the start"
     assert "Landlock" in sandbox.confine_files([], [])[0]
     assert "riscv64" in sandbox.confine_calls(may_start_programs=False)[0]

@@ -18,7 +18,7 @@ from service import estimates, picture_room
 from service.display import Display
 from service.estimates import EstimateFiles
 from service.frames import FrameCache
-from service.picture_room import PictureRoom
+from service.picture_room import PictureRoom, SharedBody
 from service.routes import frames
 from service.store import Kept, Progress
 
@@ -117,7 +117,14 @@ def test_all_work_on_pictures_has_its_room_and_a_frame_is_encoded_once_for_all(
     kept = (Kept("j/1.exr", None, Progress()),)
     settings, names = {"width": 32, "height": 24}, {"name": "a", "scene_kind": "upload", "scene_ref": "a"}
     job: Any = SimpleNamespace(
-        id="j", client_id="alice", settings=settings, state="running", checkpoint=None, kept=kept, **names
+        id="j",
+        client_id="alice",
+        settings=settings,
+        state="running",
+        checkpoint=None,
+        kept=kept,
+        progress=Progress(frame_seq=1),
+        **names,
     )
     monkeypatch.setattr(frames.frames, "encode_frame", encode)
     monkeypatch.setattr(frames, "_write_picture", lambda *_: made.append("exr"))
@@ -127,7 +134,9 @@ def test_all_work_on_pictures_has_its_room_and_a_frame_is_encoded_once_for_all(
             *(frames._frame_body(service, job, shown, 1, False, "identity") for _ in range(5))
         )
         request: Any = SimpleNamespace(headers={})
-        await frames.image_png(job, request, service, 0.0, "srgb")
+        sent = [await frames.image_png(job, request, service, 0.0, "srgb")]
+        sent.append(await frames.latest_frame(job, service, 0, "1", "0", "identity", ""))
+        assert all(isinstance(answer, SharedBody) for answer in sent), "who reads slowly keeps a part"
         job.checkpoint = "j/1.exr"
         await frames.image_exr(job, service, "0")
         return set(bodies)
