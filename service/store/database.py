@@ -155,6 +155,7 @@ class Database:
     def close(self) -> None:
         """Close all connections, also those on which somebody waits for a database that does not answer."""
         self._lines.cut()
+        self._presence.close()
         self._writing.dispose()
         self._reading.dispose()
 

@@ -38,13 +38,24 @@ class Presence:
         self._id: str | None = None
         self._lock = threading.Lock()
         self._reason: str | None = None
-        # Replaced by who has an open connection to what was deleted.
+        # Replaced by who can open a connection to the file.
         self.open_connection: Callable[[], Any] | None = None
+        # One that is kept open for what may be deleted: others may all be in use then, and a new one finds nothing.
+        self._held: Any = None
 
     def pin(self, database_id: str) -> None:
         """From now on it must be this one."""
         self._id = database_id
         self._file = _file_of(self._path) if self._path is not None else None
+        if self._path is not None and self.open_connection is not None and self._held is None:
+            self._held = self.open_connection()
+
+    def close(self) -> None:
+        """Let the connection go; one from which a deleted file is being saved stays until that is done."""
+        with self._lock:
+            if self._reason is None and self._held is not None:
+                self._held.close()
+                self._held = None
 
     def check_file(self) -> None:
         """Cheap enough for every transaction. Raises DatabaseReplaced."""
@@ -81,19 +92,18 @@ class Presence:
             self._reason = reason
         log = structlog.get_logger("service.database")
         log.error("the database is gone: nothing new is taken until the service is started again", why=reason)
-        if is_file_gone and self.open_connection is not None:
+        if is_file_gone and self._held is not None:
             # Not a daemon: a service that is stopped now still finishes it.
             threading.Thread(target=self._rescue, name="rescue").start()
 
     def _rescue(self) -> None:
         """Copy what the deleted file held: it is there as long as a connection is open."""
         assert self._path is not None
-        assert self.open_connection is not None
         log, target = structlog.get_logger("service.database"), rescue_path(self._path)
         part = target.with_name(f"{target.name}.part")
         try:
             part.unlink(missing_ok=True)
-            with closing(self.open_connection()) as connection:
+            with closing(self._held) as connection:
                 # Its own transactions would begin one, in which SQLite copies nothing.
                 connection.cursor().execute("VACUUM INTO ?", (str(part),))
             part.chmod(0o600)

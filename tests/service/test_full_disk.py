@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import subprocess
@@ -13,8 +14,11 @@ import httpx
 import numpy as np
 import pytest
 from service_process import LONG, PLAIN_SCENE, Server, wait_for
+from sqlalchemy.exc import OperationalError
+from starlette.requests import Request
 
 import renderer
+from service import errors
 from service.engine import worker
 from service.engine.turn import Turn
 from service.room import Disk, Shortage, estimate_bytes, is_full, say_bytes
@@ -119,6 +123,18 @@ def test_what_a_full_disk_says_is_known_from_other_errors(small_disk: Path) -> N
     shortage = Disk(small_disk, 1000).shortage(500)
     assert shortage == Shortage(1500, 0)
     assert Disk(small_disk.parent, 0).shortage(1) is None
+
+
+def test_what_a_full_database_says_is_known_and_answered_as_such() -> None:
+    class OfPostgres(Exception):
+        sqlstate = "53100"
+
+    for cause in (Exception("database or disk is full"), OfPostgres("could not extend file")):
+        full = OperationalError("INSERT", {}, cause)
+        assert is_full(full)
+        answer = asyncio.run(errors._on_lost_database(Request({"type": "http"}), full))
+        assert answer.status_code == 507
+    assert not is_full(OperationalError("INSERT", {}, Exception("database is locked")))
 
 
 def test_jobs_wait_for_room_on_disk_and_go_on_by_themselves(own_server: Server, small_disk: Path) -> None:

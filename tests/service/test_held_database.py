@@ -6,11 +6,16 @@ import asyncio
 import contextlib
 import sqlite3
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import httpx
+import pytest
 from service_process import LONG, Server
+from sqlalchemy.exc import TimeoutError as PoolTimeout
 
+from service.store import threads
 from service.store.threads import WRITERS, reading, writing
 
 
@@ -54,3 +59,18 @@ def test_who_reads_needs_no_thread_of_those_who_write() -> None:
             await asyncio.gather(*held, return_exceptions=True)
 
     assert asyncio.run(read()) == 7
+
+
+@pytest.mark.parametrize("call", [reading, writing])
+def test_nobody_is_kept_waiting_by_a_database(call: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "WAIT_SECONDS", 0.05)
+    release = threading.Event()
+
+    async def told() -> None:
+        try:
+            with pytest.raises(PoolTimeout):
+                await asyncio.wait_for(call(release.wait, 30), 10)
+        finally:
+            release.set()
+
+    asyncio.run(told())

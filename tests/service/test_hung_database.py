@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -126,6 +127,7 @@ def test_a_statement_that_takes_too_long_is_ended(postgres: Postgres, monkeypatc
     with database.write() as holding:
         holding.exec_driver_sql("LOCK TABLE jobs")
         with pytest.raises(OperationalError, match="lock timeout"), database.write() as connection:
+            connection.exec_driver_sql("SET LOCAL statement_timeout = 10000")  # should the other limit be missing
             connection.exec_driver_sql("LOCK TABLE jobs")
     database.close()
 
@@ -141,12 +143,15 @@ def test_what_nobody_waits_for_any_more_is_not_written(database_url: str, monkey
     jobs = JobStore(database)
     monkeypatch.setattr("service.store.threads.WAIT_SECONDS", 0.05)
 
+    has_ended = threading.Event()
+
     def slowly() -> None:
-        with database.write():
-            time.sleep(0.2)
-            jobs_before = len(jobs.newest(10))
-            assert jobs_before == 0
-        raise AssertionError("it was committed")
+        try:
+            with database.write() as connection:
+                jobs._insert_one(connection, NEW, None)
+                time.sleep(0.2)
+        finally:
+            has_ended.set()
 
     def queue() -> None:
         record, _ = jobs.add(NEW)
@@ -155,6 +160,7 @@ def test_what_nobody_waits_for_any_more_is_not_written(database_url: str, monkey
     async def refused() -> None:
         with pytest.raises(PoolTimeout):
             await writing(slowly)
+        assert await asyncio.to_thread(has_ended.wait, 20)
         monkeypatch.setattr("service.store.threads.WAIT_SECONDS", 5.0)
         await writing(queue)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import io
 import os
 import shutil
@@ -20,6 +21,7 @@ from test_full_disk import turn_of
 from service.durable_files import move_into_place
 from service.engine import worker
 from service.engine.turn import SceneFacts
+from service.errors import ProblemError
 from service.quarantine import Quarantine
 from service.room import Disk
 from service.settings import ServiceSettings
@@ -99,6 +101,23 @@ def test_what_is_moved_into_place_was_synced_before(tmp_path: Path, calls: Calls
     (tmp_path / "new").write_text("x")
     move_into_place(tmp_path / "new", tmp_path / "kept")
     assert calls == [("sync", "new"), ("rename", "kept"), ("sync", str(tmp_path))]
+
+
+@pytest.mark.parametrize("when", ["before it is taken", "while it is written"])
+def test_an_upload_without_room_is_told_so(
+    uploads: Uploads, when: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    if when == "before it is taken":
+        monkeypatch.setattr(uploads, "_disk", Disk(tmp_path, 1 << 62))
+    else:
+        monkeypatch.setattr(uploads, "_unpack", full)
+    with pytest.raises(ProblemError) as refused:
+        take(uploads)
+    assert refused.value.problem.status == 507
+    assert not list((tmp_path / "inspection").glob("*/incoming/*")), "nothing half written is left"
 
 
 def test_long_names_of_an_upload_are_cut(uploads: Uploads, monkeypatch: pytest.MonkeyPatch) -> None:
