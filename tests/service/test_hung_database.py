@@ -126,9 +126,9 @@ def test_a_statement_that_takes_too_long_is_ended(postgres: Postgres, monkeypatc
         connection.exec_driver_sql("SELECT pg_sleep(20)")
     with database.write() as holding:
         holding.exec_driver_sql("LOCK TABLE jobs")
+        # Should that limit be missing, the other one ends it.
         with pytest.raises(OperationalError, match="lock timeout"), database.write() as connection:
-            connection.exec_driver_sql("SET LOCAL statement_timeout = 10000")  # should the other limit be missing
-            connection.exec_driver_sql("LOCK TABLE jobs")
+            connection.exec_driver_sql("SET LOCAL statement_timeout = 10000; LOCK TABLE jobs")
     database.close()
 
 
