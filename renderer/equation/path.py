@@ -187,7 +187,8 @@ class PathKernel:
         self.rays = TreeRays(scene) if model.has_tree else ListRays(scene, listed(scene), model.needs_uv)
         surveys = model.samples_emitters and model.surveys_lights
         lights = lights_of(scene, is_helped=model.technique == "mis")
-        self.emitters = EmitterSampler(lights, useful_survey(scene, sensor, lights) if surveys else None)
+        seen = useful_survey(scene, sensor, lights, model.has_media) if surveys else None
+        self.emitters = EmitterSampler(lights, seen)
         self.samples_emitters = model.samples_emitters and not self.emitters.is_empty
         self.reach = 0 if self.film is None else self.film.reach  # squares around the image that lanes are rendered in
         # Sensors take positions relative to the crop window, of which `size` is the number of pixels.

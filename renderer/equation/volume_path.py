@@ -206,6 +206,7 @@ class VolumeKernel(PathKernel):
             u_lobe = self._point(sequence, stream, index, depth, LOBE_AND_ROULETTE, drawn, is_first_surface)
             u_direction = self._point(sequence, stream, index, depth, BSDF_DIRECTION, drawn + 2, is_first_surface)
             contribution = mi.Spectrum(0)
+            place = mi.UInt32(0)
             active_em, asks_in_medium, passes = mi.Bool(False), mi.Bool(False), mi.Bool(False)
             ref_em, ds = dr.zeros(mi.Interaction3f), dr.zeros(mi.DirectionSample3f)
             if dr.hint(self.samples_emitters, mode="scalar"):
@@ -216,7 +217,11 @@ class VolumeKernel(PathKernel):
                 ref_em.p = dr.select(is_scattered, mei.p, dr.select(passes, si.p, rays.origin(si, -met.direction)))
                 ref_em.time, ref_em.wavelengths = time, wavelengths
                 u_light = self._point(sequence, stream, index, depth, EMITTER, drawn + 4, is_first_surface)
-                place = mi.UInt32(0)
+                if dr.hint(self.emitters.knows_places, mode="scalar"):
+                    # Points in media have no side that they are seen from.
+                    facing = dr.select(dr.dot(si.n, met.direction) > 0, -si.n, si.n)
+                    seen_p = dr.select(is_scattered, mei.p, si.p)
+                    place = self.emitters.place(seen_p, dr.select(is_scattered, 0, facing), active_em)
                 ds, emitter_weight = self.emitters.sample(ref_em, u_light, active_em, place)
                 active_em &= ds.pdf != 0
                 wo = si.to_local(ds.d)
@@ -276,6 +281,7 @@ class VolumeKernel(PathKernel):
 
             if dr.hint(self.samples_emitters, mode="scalar"):
                 prev_p[is_vertex] = ref_em.p
+                prev_place[is_vertex] = place
                 prev_delta[is_scattered] = ~asks_in_medium
             prev_pdf[is_vertex] = dr.select(is_scattered, phase_pdf, bs.pdf)
             prev_delta[is_vertex & ~is_scattered] = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)

@@ -28,7 +28,8 @@ FLOOR = 1e-2  # of the image's mean, below which a pixel's error is not relative
 
 
 def images(render: Callable[[int], NDArray], runs: int) -> tuple[float, NDArray[np.float64]]:
-    """Processor seconds of one image, and (runs, H, W, channels) of them; what is compiled first is not counted."""
+    """Processor seconds of one image, and (runs, H, W, channels) of them; what is compiled first, and
+    loading, is not counted."""
     render(0)
     began = time.process_time()
     found = np.array([render(1 + run) for run in range(runs)], np.float64)
@@ -39,9 +40,11 @@ def compared(name: str, width: int, spp: int, runs: int) -> None:
     """Prints a line for each of Mitsuba's integrators."""
     source = SHARED / name.removeprefix("shared/") / "scene.xml" if name.startswith("shared/") else name
 
+    scene = renderer.load_scene(source, settings=renderer.Settings(width=width))
+
     def ours(seed: int) -> NDArray:
         asked = renderer.Settings(width=width, seed=seed, replicate_size=16, adaptive=False)
-        return renderer.render(source, renderer.Target(spp=spp), asked).mean
+        return renderer.render(scene, renderer.Target(spp=spp), asked).mean
 
     seconds, found = images(ours, runs)
     floored = (found.mean(0).mean(-1) + FLOOR * found.mean()) ** 2
@@ -49,7 +52,6 @@ def compared(name: str, width: int, spp: int, runs: int) -> None:
     def cost(seconds: float, found: NDArray) -> float:
         return seconds * float((found.var(0, ddof=1).mean(-1) / floored).mean())
 
-    scene = renderer.load_scene(source, settings=renderer.Settings(width=width))
     needs = scene.requirements
     asked = {"max_depth": needs.max_depth, "rr_depth": needs.rr_depth, "hide_emitters": needs.hide_emitters}
     with using(scene.variant):

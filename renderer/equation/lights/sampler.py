@@ -203,13 +203,13 @@ def _in_group(group: Any, number: int, active: Any) -> Any:
     return active if group is None else active & (group == number)
 
 
-def useful_survey(scene: Any, sensor: Any, lights: SceneLights) -> Seen | None:
+def useful_survey(scene: Any, sensor: Any, lights: SceneLights, has_media: bool = False) -> Seen | None:
     """What lights give where paths from the sensor come; None where a choice by the place would gain little."""
     sampler = EmitterSampler(lights, divides_sky=True)
     choice = sampler.choice
     if choice is None:
         return None
-    seen = survey(scene, sensor, sampler.sample_within, choice.n_entries)
+    seen = survey(scene, sensor, sampler.sample_within, choice.n_entries, has_media)
     if seen is None or len(lights.emitters) > FEW_LIGHTS:
         return seen
     if lights.sky is not None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
+from renderer.equation.lights import survey_in_media
 from renderer.equation.mueller import intensity
 from renderer.equation.sequence import Sequence
 from renderer.equation.tables import table
@@ -41,21 +42,23 @@ class Seen:
     depth: int
 
 
-def survey(scene: Any, sensor: Any, sample_light: Any, n_entries: int) -> Seen | None:
-    """What lights give where. None where paths from the sensor meet no surface that could be lit.
+def survey(scene: Any, sensor: Any, sample_light: Any, n_entries: int, has_media: bool = False) -> Seen | None:
+    """What lights give where. None where paths from the sensor meet nothing that could be lit.
 
     sample_light: (reference, entry, u, active) → (direction sample, radiance / pdf) of one of `n_entries` lights.
+    has_media: points in media count, and their borders are no walls (see `survey_in_media`).
     """
     wanted = min(WALKS * VERTICES, MOST_SAMPLES // n_entries)
     places = max(1, min(MOST_PLACES, wanted // POINTS_PER_PLACE))
-    points, normals, transmits = _vertices(scene, sensor, wanted)
+    points, normals, transmits = (_points_in_media if has_media else _vertices)(scene, sensor, wanted)
     if hasattr(sensor, "vertex"):  # of a meter, where all its paths begin
         metered = _metered(sensor, max(wanted // METERED, 1))
         points, normals = np.concatenate([points, metered[0]]), np.concatenate([normals, metered[1]])
         transmits = np.concatenate([transmits, np.zeros(len(metered[0]), bool)])
     if len(points) == 0:
         return None
-    given = _given(scene, points, normals, transmits, sample_light, n_entries, _mid_time(sensor))
+    is_within = ~normals.any(axis=1) if has_media else None
+    given = _given(scene, points, normals, transmits, is_within, sample_light, n_entries, _mid_time(sensor))
     low, middle, high = np.quantile(points, [0.05, 0.5, 0.95], axis=0)
     size = float(np.max(high - low)) or 1.0
     centre = (float(middle[0]), float(middle[1]), float(middle[2]))
@@ -73,6 +76,14 @@ def _vertices(scene: Any, sensor: Any, wanted: int) -> tuple[Any, ...]:
     if len(good) > wanted:
         good = good[np.arange(wanted) * len(good) // wanted]
     return p[good], n[good], kind[good] > 1
+
+
+def _points_in_media(scene: Any, sensor: Any, wanted: int) -> tuple[Any, ...]:
+    """As `_vertices`; points in media have no normal."""
+    start = _even_points(dr.arange(mi.UInt32, WALKS))
+    p, n, kind = survey_in_media.points(scene, sensor, WALKS, SEED, start, _mid_time(sensor))
+    some = np.arange(min(wanted, len(p))) * len(p) // max(min(wanted, len(p)), 1)
+    return p[some], n[some], kind[some] == survey_in_media.PASSED
 
 
 def _metered(sensor: Any, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -131,9 +142,17 @@ def _mid_time(sensor: Any) -> float:
 
 
 def _given(
-    scene: Any, points: Any, normals: Any, transmits: Any, sample_light: Any, n_entries: int, time: float
+    scene: Any,
+    points: Any,
+    normals: Any,
+    transmits: Any,
+    is_within: Any,
+    sample_light: Any,
+    n_entries: int,
+    time: float,
 ) -> NDArray[np.float32]:
-    """(n, m) light that falls on each point from one sample of each light."""
+    """(n, m) light that falls on each point from one sample of each light. is_within: whether it is in a medium; None
+    where there is none."""
     n = len(points)
     p, normal = (table(a.ravel(), mi.Float) for a in (points, normals))
     passes = table(transmits, mi.UInt32)
@@ -151,7 +170,12 @@ def _given(
     ds, weight = sample_light(ref, lane - point * entries, u, mi.Bool(True))
     cosine = dr.dot(ds.d, ref.n)
     cosine = dr.select(dr.gather(mi.UInt32, passes, point) != 0, dr.abs(cosine), cosine)
+    if is_within is not None:
+        cosine = dr.select(dr.gather(mi.UInt32, table(is_within, mi.UInt32), point) != 0, 1, cosine)
     light = dr.mean(weight * scale) * cosine
     lit = (ds.pdf != 0) & (light > 0)
-    lit &= ~scene.ray_test(ref.spawn_ray_to(ds.p), False, lit)
+    if is_within is None:
+        lit &= ~scene.ray_test(ref.spawn_ray_to(ds.p), False, lit)
+    else:
+        lit = survey_in_media.is_seen(scene, ref.spawn_ray_to(ds.p), lit)
     return np.array(dr.select(lit, light, 0), np.float32).reshape(n, n_entries)
