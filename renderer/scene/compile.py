@@ -181,7 +181,7 @@ class Scene:
             needs_uv=full or needs.needs_uv,
             shares_samples=settings.independent_pixels is False,
             is_meter=is_meter,
-            # Of a sky around a medium without end, only emitter sampling finds light, as in Mitsuba: how much depends on
+            # Of a sky around a medium without end, only emitter sampling finds light, as in Mitsuba: how much is up to
             # the choice among lights, which stays the one by power.
             surveys_lights=not (needs.media and needs.has_environment and self.sensor.get_medium() is not None),
             has_media=bool(needs.media),
