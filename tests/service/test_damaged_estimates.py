@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
 import itertools
 import random
 import shutil
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -21,6 +24,7 @@ from service.damage import EstimateDamaged, first_sound
 from service.engine import worker
 from service.estimates import EstimateFiles
 from service.quarantine import Quarantine
+from service.routes.frames import checkpoint_exr
 from service.store import Kept, Progress
 
 SIZE = {"width": 48, "height": 48, "seed": 4}
@@ -161,6 +165,35 @@ def test_a_running_job_goes_on_from_the_estimate_before_the_damaged_one(own_serv
     assert spp == pytest.approx(ended["spp"])
     if damage is flip:
         assert list((own_server.data_dir / "quarantine").glob(f"*/estimates/{name}"))
+
+
+def test_what_is_to_be_sent_outlives_the_files_of_its_job(tmp_path: Path) -> None:
+    """A job that ends between the head of an answer and its body."""
+    files = EstimateFiles(tmp_path / "estimates", Quarantine(tmp_path / "quarantine"))
+    files.prepare()
+    content = b"x" * 300_000
+    (files.folder / "j").mkdir()
+    files.path("j/1.exr").write_bytes(content)
+    kept = (Kept("j/1.exr", hashlib.sha256(content).hexdigest(), Progress()),)
+    job: Any = SimpleNamespace(id="j", checkpoint="j/1.exr", kept=kept, name="a", scene_kind="upload", scene_ref="s")
+    service: Any = SimpleNamespace(files=files)
+    sent = bytearray()
+
+    async def nothing() -> Any:
+        await asyncio.Event().wait()  # its client stays
+
+    async def take(message: Any) -> None:
+        sent.extend(message.get("body", b""))
+
+    async def answered() -> None:
+        answer = await checkpoint_exr(job, service)
+        files.remove("j")
+        await answer({"type": "http", "method": "GET", "headers": []}, nothing, take)
+
+    asyncio.run(answered())
+    assert bytes(sent) == content
+    assert not list(files.sending.iterdir())
+    files.remove_displays()
 
 
 def test_an_image_that_is_sent_is_whole_though_its_job_ends(server: Server, client: httpx.Client) -> None:
