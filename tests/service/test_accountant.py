@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import httpx
 import pytest
 from service_process import LONG, Server
 
 from service.accountant import Accountant, Ledger, Need, Quota, QuotaReached, reckon
-from service.admission import choose
+from service.admission import Admission, choose
 from service.dispatch import Waiting
 from service.machine import Machine
-from service.room import Shortage, job_bytes
+from service.room import Disk, Shortage, job_bytes
 from service.settings import MEBIBYTE, ServiceSettings
 
 GIGABYTE = 1 << 30
@@ -115,6 +117,17 @@ def test_a_job_that_was_passed_for_long_is_next() -> None:
     found = choose(queue, {}, 4, lacks, lambda _: False)
     assert found.job is not None
     assert found.job.job_id == "small", "where nothing runs, waiting would not help"
+
+
+def test_nothing_is_started_on_a_full_disk_and_jobs_say_so(tmp_path: Path) -> None:
+    store: Any = SimpleNamespace(queue=lambda: [Waiting("a", 1, False, "c")], get=lambda _: None)
+    for reserve, started in ((1 << 62, None), (0, "a")):
+        admission = Admission(store, Disk(tmp_path, reserve), accountant(), 4, lambda _: Need(1))
+        found = admission.look({})
+        assert (found.job and found.job.job_id) == started
+        assert admission.waits == (started is None)
+        shortage = admission.shortage_of("a")
+        assert (shortage and shortage.what) == (None if started else "disk")
 
 
 def test_estimates_have_a_quota_that_reservations_keep() -> None:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
+from pathlib import Path
 
+import pytest
+
+from service.store import Database
 from service.store.turns import Turns
 
 
@@ -37,3 +41,24 @@ def test_whoever_gives_up_is_passed_over() -> None:
     turns.release()
     assert turns.acquire(0.01)
     turns.release()
+
+
+def test_writers_of_sqlite_have_their_turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SQLite itself gives the lock to whoever asks when it is free, and those who wait look again now and then only."""
+    monkeypatch.setattr("service.store.database._WRITE_SECONDS", 30.0)
+    database, order = Database(f"sqlite:///{tmp_path}/a.sqlite"), list[str]()
+
+    def write(name: str) -> None:
+        with database.write():
+            order.append(name)
+
+    threads = [threading.Thread(target=write, args=(name,)) for name in "abc"]
+    with database.write():
+        for thread in threads:
+            thread.start()
+            time.sleep(0.1)
+    with database.write():
+        assert order == ["a", "b", "c"]
+    for thread in threads:
+        thread.join(30)
+    database.close()

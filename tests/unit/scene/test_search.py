@@ -6,12 +6,14 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import renderer
-from renderer.backend import mitsuba_folder
+import renderer.scene.source as source
+from renderer.backend import mitsuba, mitsuba_folder
 from renderer.errors import SceneError
 from renderer.scene.limits import UNTRUSTED
 from renderer.scene.report import inspect_scene
@@ -79,6 +81,27 @@ def test_the_wording_does_not_tell_which_files_of_the_working_folder_exist(tmp_p
         assert len(told[name]) == len(naming(name)), done.stderr
     assert told["there.x"] == told["gone.x"]
     assert "taken" not in told["gone.x"]
+
+
+def test_mitsuba_itself_looks_in_an_upload_and_its_own_data_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Should a name ever get past what is looked at before it."""
+    elsewhere, seen, guarded = str(tmp_path / "elsewhere"), list[list[str]](), source.guarded
+
+    def noting(*args: Any) -> Any:
+        resolver = mitsuba().file_resolver()
+        seen.append([str(resolver[i]) for i in range(len(resolver))])
+        return guarded(*args)
+
+    monkeypatch.setattr(source, "guarded", noting)
+    path = put(tmp_path, "in/scene.xml", scene('<shape type="sphere"/>'))
+    with source._file_resolver((str(mitsuba_folder()), elsewhere)):  # as where the process was started
+        source.parse(path)
+        source.parse(path, UNTRUSTED)
+    mine, theirs = {*seen[0]}, {*seen[-1]}
+    assert elsewhere in mine, "one's own scenes find what lies there"
+    assert theirs == {str(mitsuba_folder()), str(path.parent)}
 
 
 @pytest.mark.parametrize("kind", ["conductor", "roughconductor"])
