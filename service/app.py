@@ -17,7 +17,20 @@ from service.headers import SecurityHeaders
 from service.page import Page
 from service.polls import NothingNewer
 from service.requests import RequestLog
-from service.routes import docs, events, frames, gallery, health, integral, jobs, learn, scenes, series, session
+from service.routes import (
+    docs,
+    events,
+    extremes,
+    frames,
+    gallery,
+    health,
+    integral,
+    jobs,
+    learn,
+    scenes,
+    series,
+    session,
+)
 from service.settings import ServiceSettings
 
 API_VERSION = "1"
@@ -46,7 +59,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         openapi_url="/api/openapi.json",
     )
     protect(app, settings)
-    for module in (gallery, scenes, jobs, series, frames, events, learn, integral, health, session, docs):
+    for module in (gallery, scenes, jobs, series, frames, events, learn, integral, extremes, health, session, docs):
         app.include_router(module.router)
     app.mount("/", Page(settings.static_dir, settings.are_keys_required), name="page")
     app.openapi = functools.partial(openapi.describe, app)

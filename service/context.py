@@ -70,6 +70,7 @@ class Service:
         self.frames = FrameCache()
         self.picture_room = PictureRoom()
         self.lessons = FrameCache(_LESSON_BYTES)
+        self.lesson_losses: Counter[str] = Counter()  # render processes that lessons have ended, by uploaded scene
         self.job_texts = JobTexts()
         self.accountant = Accountant(settings)
         self.uploads = Uploads(settings, self.scenes, quarantine, self.disk, self.accountant.scene_bytes(AT_ONCE))

@@ -587,6 +587,95 @@ class LightPoints(BaseModel):
     is_placed: bool = Field(description="whether the camera's projection is known: points have columns and rows")
 
 
+class ExtremeRung(BaseModel):
+    """A place on the ladder of an extreme."""
+
+    at: float = Field(description="how extreme: an angle, a distance, a number of samples, …")
+    exact: float
+    naive: float | None = Field(description="by the naive formula in float32; null where that is no number")
+    ours: float
+    half: float = Field(description="half-width of the 95 % interval of what was rendered; 0 where nothing is random")
+    places: int = Field(description="of the ladder")
+
+
+class TradePoint(BaseModel):
+    """A setting's error after some seconds, with its 95 % interval."""
+
+    seconds: float
+    spp: float
+    error: float
+    low: float
+    high: float
+
+
+class TradeTime(BaseModel):
+    """Seconds to a target error with their 95 % interval; null where they are not known, or there is no such time."""
+
+    target: float
+    seconds: float | None
+    low: float | None
+    high: float | None
+    is_measured: bool = Field(description="the run got there; else a forecast")
+
+
+class TradeSetting(BaseModel):
+    """What one setting costs. All seconds are those of the scene's own picture; low and high bound 95 % intervals."""
+
+    name: str
+    group: str = Field(description="what it differs in: default, technique, replicate size, sampling or depth")
+    technique: Technique
+    curve: list[TradePoint]
+    seconds: float = Field(description="that it had by now")
+    samples_per_second: float | None
+    work: float | None = Field(description="squared error × seconds, a constant of the setting; null: not known yet")
+    work_low: float | None
+    work_high: float | None
+    times: float | None = Field(description="the default's time that the same error takes")
+    times_low: float | None
+    times_high: float | None
+    times_to: list[TradeTime]
+    lost_light: float = Field(description="share of the light that a shallower depth leaves out")
+    is_trusted: bool = Field(description="false: most pixels' intervals cannot be believed, it may be far worse")
+    cannot_see: list[str] = Field(description="light that this technique never finds: its error does not know of that")
+
+
+class Trade(BaseModel):
+    """Error against time of a scene's settings, the default first: what is known by now."""
+
+    share: float = Field(description="of what is to be measured, what is done: 0 to 1")
+    is_done: bool
+    at_work: str | None = Field(description="the setting whose turn is next")
+    seconds: float = Field(description="of rendering that each setting gets, at the size measured")
+    width: int = Field(description="of the picture that is measured")
+    height: int
+    full_width: int = Field(description="of the scene's own picture")
+    full_height: int
+    full_size: float = Field(description="its pixels over those measured")
+    settings: list[TradeSetting]
+
+
+class KernelCost(BaseModel):
+    """What a kernel costs. low, high: 95 % interval of render_ratio, its time over the lean one's."""
+
+    name: str
+    operations: int
+    compile_seconds: float
+    render_seconds: float
+    render_ratio: float
+    low: float
+    high: float
+
+
+class KernelTrade(BaseModel):
+    """The lean kernel of a scene and the one that has all that any scene may need; null until they are measured."""
+
+    is_done: bool
+    steps: int = Field(description="compilations and rounds that it takes")
+    left_out: list[str] = Field(description="what the lean one leaves out")
+    lean: KernelCost | None
+    full: KernelCost | None
+
+
 class IntegralConditions(BaseModel):
     """Whether p is a density with which f may be sampled."""
 

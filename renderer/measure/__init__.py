@@ -7,6 +7,6 @@ result.recommended(60.0)
 
 from renderer.measure.candidates import Candidate, candidates
 from renderer.measure.result import Measurement, Point, Row, TimeTo
-from renderer.measure.run import measure
+from renderer.measure.run import Measuring, measure
 
-__all__ = ["Candidate", "Measurement", "Point", "Row", "TimeTo", "candidates", "measure"]
+__all__ = ["Candidate", "Measurement", "Measuring", "Point", "Row", "TimeTo", "candidates", "measure"]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -57,24 +58,34 @@ class KernelCost:
 
 def model_costs(scene: Scene, settings: Settings, seconds: float) -> list[KernelCost]:
     """The lean kernel first, then with each omission put back, then the full one. seconds: of launching each."""
-    from renderer.scene.compile import load_scene
+    *_, costs = costing(scene, settings, seconds)
+    assert costs is not None
+    return costs
 
+
+def costing(
+    scene: Scene, settings: Settings, seconds: float, *, only_full: bool = False
+) -> Iterator[list[KernelCost] | None]:
+    """The same step by step, for whoever has other things to do between: a step is one compilation or one round of
+    launches, and yields None; the last one yields the costs. only_full: the lean kernel and the full one alone.
+    """
     resolved = scene.resolved(
         replace(settings, independent_pixels=True), settings.replicate_size or DEFAULT_REPLICATE_SIZE
     )
-    lean, full = scene.model(resolved), scene.model(resolved, full=True)
-    tried: list[tuple[str, Scene, Model]] = [("lean", scene, lean)]
-    for name in omissions(lean, full):
-        tried.append((f"with {_TOLD.get(name, name)}", scene, replace(lean, **{name: getattr(full, name)})))
-    if len(tried) > 2:
-        tried.append(("with all of these", scene, full))
-    if scene.colour == "mono" and not scene.is_polarised:
-        in_rgb = load_scene(scene.source, settings=replace(settings, colour="rgb"), rewrites=scene.rewrites)
-        tried.append(("with three channels", in_rgb, lean))
-    compiled = [[_compilation(made, model, 1 + turn) for _, made, model in tried] for turn in range(COMPILATIONS)]
-    lanes = _lanes_for(scene, lean, LAUNCH_SECONDS)
-    turns = max(LEAST_ROUNDS, round(seconds / LAUNCH_SECONDS))
-    rounds = [[_launch(made, model, lanes) for _, made, model in tried] for _ in range(turns + 1)][1:]
+    tried = _kernels(scene, settings, resolved, only_full)
+    compiled: list[list[tuple[int, float]]] = []
+    for turn in range(COMPILATIONS):
+        compiled.append([])
+        for _, made, model in tried:
+            compiled[-1].append(_compilation(made, model, 1 + turn))
+            yield None
+    lanes = _lanes_for(scene, tried[0][2], LAUNCH_SECONDS)
+    rounds = []
+    for turn in range(max(LEAST_ROUNDS, round(seconds / LAUNCH_SECONDS)) + 1):
+        times = [_launch(made, model, lanes) for _, made, model in tried]
+        if turn > 0:  # the first may compile
+            rounds.append(times)
+        yield None
     costs = []
     for i, (name, _, _) in enumerate(tried):
         low, middle, high = median_interval([times[i] / times[0] for times in rounds])
@@ -82,7 +93,33 @@ def model_costs(scene: Scene, settings: Settings, seconds: float) -> list[Kernel
         operations = compiled[0][i][0]
         render_seconds = statistics.median(times[i] for times in rounds)
         costs.append(KernelCost(name, operations, compile_seconds, render_seconds, middle, low, high))
-    return costs
+    yield costs
+
+
+def _kernels(scene: Scene, settings: Settings, resolved: Settings, only_full: bool) -> list[tuple[str, Scene, Model]]:
+    """Name, scene and model of each kernel, the lean one first."""
+    from renderer.scene.compile import load_scene
+
+    lean, full = scene.model(resolved), scene.model(resolved, full=True)
+    tried: list[tuple[str, Scene, Model]] = [("lean", scene, lean)]
+    left_out = omissions(lean, full)
+    if not only_full:
+        for name in left_out:
+            tried.append((f"with {_TOLD.get(name, name)}", scene, replace(lean, **{name: getattr(full, name)})))
+    if len(left_out) > 1 or (only_full and left_out):
+        tried.append(("with all of these", scene, full))
+    if scene.colour == "mono" and not scene.is_polarised and not only_full:
+        in_rgb = load_scene(scene.source, settings=replace(settings, colour="rgb"), rewrites=scene.rewrites)
+        tried.append(("with three channels", in_rgb, lean))
+    return tried
+
+
+def left_out_of(scene: Scene, settings: Settings) -> tuple[str, ...]:
+    """What the lean kernel of a scene leaves out, in words."""
+    resolved = scene.resolved(
+        replace(settings, independent_pixels=True), settings.replicate_size or DEFAULT_REPLICATE_SIZE
+    )
+    return tuple(_TOLD.get(name, name) for name in omissions(scene.model(resolved), scene.model(resolved, full=True)))
 
 
 def median_interval(values: list[float]) -> tuple[float, float, float]:

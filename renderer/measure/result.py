@@ -108,6 +108,22 @@ class Row:
         return math.hypot(of_rate, 2 * of_error)
 
     @property
+    def log_reach(self) -> float | None:
+        """Half-width of the 95 % interval of the logarithm of variance × time; None where log_spread is."""
+        if self.log_spread is None:
+            return None
+        degrees = min(LEAST_STRETCHES, len(self.curve) - 1)
+        return float(t_quantile(0.975, degrees)) * self.log_spread
+
+    def time_interval(self, target: float) -> tuple[float, float] | None:
+        """95 % interval of the time to a target; None where there is no such time, or too little is known of it. Light
+        that a shallower depth leaves out counts as known."""
+        found, reach = self.time_to(target), self.log_reach
+        if found is None or reach is None:
+            return None
+        return found.seconds * math.exp(-reach), found.seconds * math.exp(reach)
+
+    @property
     def efficiency(self) -> float:
         """1 / (variance × seconds)."""
         return 1 / self.variance_time if self.variance_time > 0 else math.inf

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ from renderer.estimate.error import floor_of, pixel_rel_mse, rel_mse
 from renderer.measure.candidates import Candidate, candidates
 from renderer.measure.reference import Reference
 from renderer.measure.result import Measurement, Point, Row
-from renderer.progress import Snapshot, progressive
+from renderer.progress import Snapshot, steps
 from renderer.scene.parameters import Source
 from renderer.settings import Settings, Target
 
@@ -64,17 +64,79 @@ def measure(
         loaded = shrunk(loaded, asked)
     depth = loaded.requirements.max_depth if asked.max_depth is None else asked.max_depth
     tried = candidates(replace(asked, width=loaded.width, height=loaded.height), depth, techniques_only)
-    runs = [_Run(loaded, candidate, seconds, truth) for candidate in tried]
-    while going := [run for run in runs if not run.is_done]:
-        for run in going:
+    measuring = Measuring(loaded, tried, seconds, truth, full_pixels)
+    while not measuring.is_done:
+        measuring.round(on_progress)
+    return measuring.result(None if reference is None else Path(reference).name)
+
+
+class Measuring:
+    """A measurement on its way: all settings take turns. It may be suspended between steps, which costs no time that is
+    counted, and may be given more time.
+
+    scene: at the size that is measured. full_pixels: of the scene's own picture. most_seconds: that each setting may
+    get at all, where that is more than `seconds`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        tried: tuple[Candidate, ...],
+        seconds: float,
+        truth: Reference | None = None,
+        full_pixels: int | None = None,
+        most_seconds: float | None = None,
+    ) -> None:
+        self.scene, self.seconds = scene, seconds
+        self._runs = [_Run(scene, each, seconds, truth, most_seconds) for each in tried]
+        self._scale = 1.0 if full_pixels is None else full_pixels / (scene.width * scene.height)
+        self._next = 0
+
+    @property
+    def is_done(self) -> bool:
+        """Whether each setting had its time."""
+        return all(run.is_done for run in self._runs)
+
+    @property
+    def share(self) -> float:
+        """Of what is to be done, what is done: 0…1."""
+        return sum(run.share_done for run in self._runs) / len(self._runs)
+
+    @property
+    def at_work(self) -> str:
+        """Name of the setting whose turn is next."""
+        return self._runs[self._next].candidate.name
+
+    def give(self, seconds: float) -> None:
+        """Let each setting have so many seconds in all; those that had less go on."""
+        if seconds > self.seconds:
+            self.seconds = seconds
+            for run in self._runs:
+                run.give(seconds)
+
+    def step(self) -> None:
+        """The next setting's turn: to its next snapshot, or a part of the way. Nothing where all are done."""
+        for _ in self._runs:
+            run = self._runs[self._next]
+            self._next = (self._next + 1) % len(self._runs)
+            if not run.is_done:
+                run.step()
+                return
+
+    def round(self, on_progress: Callable[[str, float], None] | None = None) -> None:
+        """A turn of each setting that is not done."""
+        for run in [run for run in self._runs if not run.is_done]:
             if on_progress is not None:
-                on_progress(run.candidate.name, sum(r.share_done for r in runs) / len(runs))
+                on_progress(run.candidate.name, self.share)
             run.step()
-    full = runs[0].last
-    rows = tuple(run.row(full) for run in runs)
-    name = None if reference is None else Path(reference).name
-    scale = full_pixels / (loaded.width * loaded.height)
-    return Measurement(loaded.name, loaded.digest, loaded.width, loaded.height, seconds, rows, name, scale)
+
+    def result(self, reference: str | None = None) -> Measurement:
+        """What is known by now. reference: name of the file that true errors are against."""
+        full = self._runs[0].last
+        rows = tuple(run.row(full) for run in self._runs)
+        scene = self.scene
+        about = (scene.name, scene.digest, scene.width, scene.height, self.seconds)
+        return Measurement(*about, rows, reference, self._scale)
 
 
 def shrunk(scene: Scene, asked: Settings) -> Scene:
@@ -91,15 +153,21 @@ def _small(scene: Scene) -> dict[str, int]:
 
 
 class _Run:
-    """One setting on its way."""
+    """One setting on its way. most_seconds: that it may get at all."""
 
-    def __init__(self, scene: Scene, candidate: Candidate, seconds: float, truth: Reference | None) -> None:
+    def __init__(
+        self, scene: Scene, candidate: Candidate, seconds: float, truth: Reference | None, most_seconds: float | None
+    ) -> None:
         self.scene, self.candidate, self.seconds, self.truth = scene, candidate, seconds, truth
         self.curve: list[Point] = []
         self.last: Snapshot | None = None
         self.is_done = False
-        self.snapshots = progressive(scene, Target(seconds=LONGEST * seconds), candidate.settings)
-        self.is_warm = False
+        self._steps = self._rendered(LONGEST * max(seconds, most_seconds or 0.0))
+
+    def _rendered(self, seconds: float) -> Iterator[Snapshot | None]:
+        for _ in steps(self.scene, WARM_UP, self.candidate.settings):  # compiling is not what is measured
+            yield None
+        yield from steps(self.scene, Target(seconds=seconds), self.candidate.settings)
 
     @property
     def share_done(self) -> float:
@@ -107,18 +175,23 @@ class _Run:
             return 1.0
         return 0.0 if self.last is None else min(1.0, self.last.seconds / self.seconds)
 
+    def give(self, seconds: float) -> None:
+        """Go on, unless the render itself has ended."""
+        self.seconds = seconds
+        self.is_done = self.last is not None and self.last.stopped_by is not None
+
     def step(self) -> None:
-        """Goes on to the next snapshot."""
-        if not self.is_warm:  # compiling is not what is measured
-            for _ in progressive(self.scene, WARM_UP, self.candidate.settings):
-                pass
-            self.is_warm = True
-        self.last = next(self.snapshots)
-        few = int(self.last.estimate.moments.tried.min()) < MIN_REPLICATES
-        self.is_done = self.last.stopped_by is not None or (self.last.seconds >= self.seconds and not few)
-        is_due = not self.curve or self.last.seconds >= self.curve[-1].seconds * CURVE_GROWTH
+        """Goes on to the next snapshot, or a part of the way where the paths are long."""
+        snapshot = next(self._steps)
+        if snapshot is None:
+            return
+        self.last = snapshot
+        few = int(snapshot.estimate.moments.tried.min()) < MIN_REPLICATES
+        has_had_enough = snapshot.seconds >= self.seconds * (LONGEST if few else 1.0)
+        self.is_done = snapshot.stopped_by is not None or has_had_enough
+        is_due = not self.curve or snapshot.seconds >= self.curve[-1].seconds * CURVE_GROWTH
         if is_due or self.is_done:
-            self._add_point(self.last)
+            self._add_point(snapshot)
 
     def _add_point(self, snapshot: Snapshot) -> None:
         if snapshot.error is None or not (snapshot.estimate.moments.count >= 2).all():
@@ -132,8 +205,9 @@ class _Run:
         self.curve.append(Point(snapshot.seconds, snapshot.spp, error, low * error, high * error, true))
 
     def row(self, full: Snapshot | None) -> Row:
-        assert self.last is not None
         lost, lost_rel_mse = 0.0, 0.0
+        if self.last is None:  # its first turn is still to come
+            return Row(self.candidate, (), 0, 0.0, 0.0, 0.0, 0)
         if self.candidate.is_biased and full is not None and self.curve:
             lost, lost_rel_mse = lost_light(self.last, full)
         return Row(

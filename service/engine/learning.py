@@ -12,6 +12,9 @@ from service.display import Display
 from service.engine.turn import Failure
 from service.engine.worker import failure_of, kept_scene
 from service.frames import encode_frame
+from service.pixels import png_bytes
+
+_PICTURE_PIXELS, _PICTURE_SPP = 1 << 16, 32
 
 if TYPE_CHECKING:
     from renderer.lesson.pixel import Lesson
@@ -19,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Pixel:
-    """A pixel of a scene of the gallery, at the scene's own size."""
+    """A pixel of a scene, at the scene's own size. scene: a gallery name, or a file."""
 
     scene: str
     x: int
@@ -137,5 +140,20 @@ def samples(
         values = lesson_of(pixel).samples(technique, range(first, first + count), max_depth=max_depth)
         steps = running(np.where(np.isfinite(values), values, 0.0), first)
         return [asdict(step) for step in steps if math.isfinite(step.m4)]
+    except Exception as error:
+        return failure_of(error)
+
+
+def picture(scene: str) -> bytes | Failure:
+    """A small picture, PNG, to find one's way in."""
+    try:
+        import renderer
+
+        loaded = kept_scene(scene, renderer.Settings())
+        shrink = min(1.0, math.sqrt(_PICTURE_PIXELS / (loaded.width * loaded.height)))
+        width, height = (max(1, round(shrink * side)) for side in (loaded.width, loaded.height))
+        settings = renderer.Settings(width=width, height=height, replicate_size=4)
+        estimate = renderer.render(loaded.sized(settings), renderer.Target(spp=_PICTURE_SPP), settings)
+        return png_bytes(estimate.mean, 0.0)
     except Exception as error:
         return failure_of(error)

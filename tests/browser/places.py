@@ -349,6 +349,18 @@ def chapter_monte_carlo(page: Page, stage: Stage) -> None:
     page.wait_for_timeout(500)
 
 
+def chapter_trade(page: Page, stage: Stage) -> None:
+    show(page, stage, "#/learn/cornell-box?chapter=trade")
+    expect(page.locator("[data-seconds]")).to_be_visible(timeout=180_000)
+    page.wait_for_timeout(500)
+
+
+def chapter_extremes(page: Page, stage: Stage) -> None:
+    show(page, stage, "#/learn?chapter=extremes&extreme=many-samples")
+    expect(page.locator("[data-at]")).to_have_count(7, timeout=120_000)
+    page.wait_for_timeout(500)
+
+
 PLACES: dict[str, Callable[[Page, Stage], None]] = {
     "empty": empty,
     "start": start,
@@ -389,4 +401,6 @@ PLACES: dict[str, Callable[[Page, Stage], None]] = {
     "rays": chapter_rays,
     "forms": chapter_forms,
     "monte-carlo": chapter_monte_carlo,
+    "trade": chapter_trade,
+    "extremes": chapter_extremes,
 }

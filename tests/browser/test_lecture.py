@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 
+import httpx
 import pytest
+from places import OWN_SCENE
 from playwright.sync_api import Locator, Page, expect
 from running import Service
 from test_axe import AXE, axe_findings
@@ -189,3 +191,58 @@ def test_a_density_like_the_function_leaves_no_variance_and_a_blind_one_is_told(
     main.get_by_role("textbox", name="f(x) =").fill("import os")
     main.get_by_role("textbox", name="f(x) =").press("Enter")
     expect(main.get_by_role("alert").first).to_contain_text("no expression of x", timeout=60_000)
+
+
+MEASURED = 180_000  # ms, on a machine with other work to do
+
+
+@pytest.mark.parametrize("width", [1440, 420])
+def test_what_certainty_costs_is_measured_in_the_page(page: Page, service: Service, width: int) -> None:
+    main = open_chapter(page, service, "trade", width, "#/learn/cornell-box?chapter={}")
+    expect(main.locator("[data-setting]")).to_have_count(5, timeout=60_000)
+    expect(main.locator("[data-seconds='2']")).to_be_visible(timeout=MEASURED)
+    expect(main.locator(".costs")).to_contain_text(re.compile("2 % costs you .+, 1 % .+"))
+    told = page.request.get(f"{service.url}/api/learn/cornell-box/trade?seconds=2&step=0").json()
+    shown = [float(row.get_attribute("data-times") or "nan") for row in main.locator("[data-times]").all()]
+    assert shown[0] == 1
+    assert {setting["technique"] for setting in told["settings"]} == {"mis", "bsdf", "emitter", "cosine", "uniform"}
+    expect(main.locator("[data-without]")).to_have_count(2)
+    assert number_of(main.locator(".plot"), "data-points") > 0
+    fits(page, width)
+
+
+def test_leaving_the_trade_ends_its_questions(page: Page, service: Service) -> None:
+    main = open_chapter(page, service, "trade", at="#/learn/cornell-box?chapter={}&group=sampling")
+    expect(main.get_by_role("status")).to_be_visible()
+    main.get_by_role("link", name=re.compile("^4 ")).click()
+    expect(main.get_by_role("heading", name="An integral from random points")).to_be_visible()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.wait_for_timeout(2500)
+    assert not [url for url in asked if "/trade" in url]
+
+
+@pytest.mark.parametrize("width", [1440, 420])
+def test_a_naive_formula_fails_beside_ours(page: Page, service: Service, width: int) -> None:
+    main = open_chapter(page, service, "extremes", width, "#/learn?chapter={}&extreme=many-samples")
+    rows = main.locator("[data-at]")
+    expect(rows).to_have_count(7, timeout=120_000)
+    last = rows.last
+    exact, naive, ours = (number_of(last, f"data-{name}") for name in ("exact", "naive", "ours"))
+    assert number_of(last, "data-at") == 1e8
+    assert abs(naive / exact - 1) > 0.5
+    assert abs(ours / exact - 1) < 1e-6
+    fits(page, width)
+    main.get_by_role("button", name="A small variance").click()
+    expect(main.locator("[data-at='1000000']")).to_be_visible(timeout=60_000)
+    assert "extreme=small-variance" in page.url
+
+
+def test_an_uploaded_scene_has_its_lesson_too(page: Page, service: Service) -> None:
+    answer = httpx.post(f"{service.url}/api/scenes", files={"file": ("mine.xml", OWN_SCENE.encode())}, timeout=120)
+    scene = answer.json()["id"]
+    main = open_chapter(page, service, "pixel", at=f"#/learn/{scene}?x=16&y=12&chapter={{}}")
+    expect(main.get_by_label("Scene", exact=True)).to_have_value(scene, timeout=60_000)
+    expect(main).to_contain_text("diffuse reflection", timeout=60_000)
+    expect(main).to_contain_text("Of your uploads")
+    page.wait_for_function("document.querySelector('.picture img').naturalWidth > 0", timeout=60_000)

@@ -60,6 +60,10 @@ NEEDED = {
     "GET /api/learn/{scene}/paths": 1,
     "GET /api/learn/{scene}/light-points": 1,
     "GET /api/learn/{scene}/samples": 1,
+    "GET /api/learn/{scene}/picture.png": 1,
+    "GET /api/learn/{scene}/trade": 1,
+    "GET /api/learn/{scene}/kernels": 1,
+    "GET /api/extremes/{name}": 1,
     "GET /api/events": 1,
 }
 BOX = {"scene": {"gallery": "cornell-box"}, "settings": SMALL}

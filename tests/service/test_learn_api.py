@@ -8,7 +8,8 @@ import signal
 from typing import Any
 
 import httpx
-from service_process import Server
+import pytest
+from service_process import PLAIN_SCENE, Server
 
 from tests.files import decode_frame
 
@@ -171,3 +172,76 @@ def test_more_points_or_paths_than_there_are_numbers_for_are_refused(client: htt
         refused = client.get(f"/api/learn/cornell-box/{part}", params=AT | query)
         assert refused.status_code == 422, (part, query)
         assert next(iter(query)) in refused.text
+
+
+def test_an_uploaded_scene_has_its_lesson_and_one_that_is_not_there_has_none(client: httpx.Client) -> None:
+    file = {"file": ("mine.xml", PLAIN_SCENE.encode())}
+    scene = client.post("/api/scenes", files=file, timeout=60).json()["id"]
+    told = client.get(f"/api/learn/{scene}", params={"x": 16, "y": 12, "n": 8}, timeout=60)
+    assert told.status_code == 200, told.text
+    assert (told.json()["width"], told.json()["height"]) == (32, 24)
+    assert told.json()["lobes"] == ["DiffuseReflection"]
+    # A sky of 0.5 over a convex body of albedo 0.4: what is reflected is 0.2, in every sample but for its noise.
+    last = client.get(f"/api/learn/{scene}/samples", params={"x": 16, "y": 12, "count": 4096}, timeout=60).json()[-1]
+    assert last["mean"] == pytest.approx(0.2, rel=0.02)
+    picture = client.get(f"/api/learn/{scene}/picture.png", timeout=60)
+    assert picture.content.startswith(b"\x89PNG")
+    refused = client.get(f"/api/learn/{scene}", params={"x": 32, "y": 0})
+    assert refused.status_code == 422
+    assert "whose width is 32" in refused.json()["detail"]
+
+
+def test_an_uploaded_scene_with_media_has_no_lesson(client: httpx.Client) -> None:
+    fog = '<medium type="homogeneous" name="interior"><float name="sigma_t" value="1"/></medium>'
+    foggy = PLAIN_SCENE.replace('<shape type="sphere">', f'<shape type="sphere">{fog}')
+    scene = client.post("/api/scenes", files={"file": ("fog.xml", foggy.encode())}, timeout=60).json()["id"]
+    answer = client.get(f"/api/learn/{scene}", params={"x": 16, "y": 12}, timeout=60)
+    assert answer.status_code == 422
+    assert "participating media" in answer.json()["detail"]
+
+
+def measured(client: httpx.Client, path: str, **query: Any) -> list[dict[str, Any]]:
+    """All turns of a measurement."""
+    turns = []
+    while not turns or not turns[-1]["is_done"]:
+        assert len(turns) < 400
+        answer = client.get(path, params=query | {"step": len(turns)}, timeout=120)
+        assert answer.status_code == 200, answer.text
+        turns.append(answer.json())
+    return turns
+
+
+def test_error_against_time_is_measured_turn_by_turn(client: httpx.Client) -> None:
+    turns = measured(client, "/api/learn/cornell-box/trade", seconds=0.3)
+    assert len(turns) > 1, "others have their turns between"
+    assert [turn["share"] for turn in turns] == sorted(turn["share"] for turn in turns)
+    last = turns[-1]
+    assert last["share"] == 1
+    assert last["width"] * last["height"] * last["full_size"] == last["full_width"] * last["full_height"]
+    default, *others = last["settings"]
+    assert default["times"] == 1
+    assert {other["technique"] for other in others} == {"bsdf", "emitter", "cosine", "uniform"}
+    two, one = (next(t for t in default["times_to"] if t["target"] == target) for target in (0.02, 0.01))
+    for point in default["curve"]:
+        assert point["low"] <= point["error"] <= point["high"]
+    if not two["is_measured"]:  # then both follow from the one constant
+        assert one["seconds"] == pytest.approx(4 * two["seconds"])
+        assert two["seconds"] == pytest.approx(default["work"] / 0.02**2)
+    again = client.get("/api/learn/cornell-box/trade", params={"seconds": 0.3, "step": len(turns) - 1}, timeout=60)
+    assert again.json() == last
+
+
+def test_what_the_lean_kernel_saves_is_measured(client: httpx.Client) -> None:
+    last = measured(client, "/api/learn/cornell-box/kernels")[-1]
+    assert last["left_out"]
+    assert last["full"]["operations"] > last["lean"]["operations"]
+    assert last["full"]["low"] <= last["full"]["render_ratio"] <= last["full"]["high"]
+
+
+def test_an_extreme_is_computed_both_ways(client: httpx.Client) -> None:
+    far = client.get("/api/extremes/many-samples", params={"k": 4}, timeout=60).json()
+    assert far["at"] == 1e6
+    assert abs(far["naive"] / far["exact"] - 1) > 5e-3
+    assert abs(far["ours"] / far["exact"] - 1) < 1e-6
+    assert client.get("/api/extremes/nothing").status_code == 422
+    assert client.get("/api/extremes/many-samples", params={"k": 7}).status_code == 422

@@ -1,6 +1,6 @@
 /** Requests of the Learn view. */
 import { getJson } from './client';
-import type { Bounces, IntegralEstimate, IntegralRuns, LightPaths, LightPoints, RunningMoments } from './messages';
+import type { Bounces, ExtremeRung, IntegralEstimate, IntegralRuns, KernelTrade, LightPaths, LightPoints, RunningMoments, Trade } from './messages';
 import { problemFrom } from './problem';
 import type { FirstVertex, Technique } from './types';
 
@@ -35,6 +35,21 @@ export const incidentMap = (
 /** f·cosθ over the map of directions. */
 export const kernelMap = (scene: string, x: number, y: number, signal: AbortSignal): Promise<ArrayBuffer> =>
   getBytes(path(scene, '/kernel', { x, y }), signal);
+
+/** What is measured together. */
+export type TradeGroup = 'technique' | 'sampling' | 'depth';
+
+/** Turn number `step` of measuring what settings cost; all that is known by then. */
+export const tradeTurn = (scene: string, group: TradeGroup, seconds: number, step: number, signal: AbortSignal): Promise<Trade> =>
+  getJson(path(scene, '/trade', { group, seconds, step }), signal);
+
+export const kernelTurn = (scene: string, step: number, signal: AbortSignal): Promise<KernelTrade> => getJson(path(scene, '/kernels', { step }), signal);
+
+/** Where a small picture of a scene is, rendered when it is asked for. */
+export const pictureOf = (scene: string): string => `api/learn/${encodeURIComponent(scene)}/picture.png`;
+
+/** Place number k on the ladder of an extreme. */
+export const extremeRung = (name: string, k: number, signal: AbortSignal): Promise<ExtremeRung> => getJson(`api/extremes/${name}?k=${k}`, signal);
 
 /** A function between two limits, and the density that points are drawn with. */
 export interface Integral {

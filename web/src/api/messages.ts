@@ -69,6 +69,20 @@ export interface Directions {
   lost: number;
 }
 
+/** A place on the ladder of an extreme. */
+export interface ExtremeRung {
+  /** how extreme: an angle, a distance, a number of samples, … */
+  at: number;
+  exact: number;
+  /** by the naive formula in float32; null where that is no number */
+  naive: number | null;
+  ours: number;
+  /** half-width of the 95 % interval of what was rendered; 0 where nothing is random */
+  half: number;
+  /** of the ladder */
+  places: number;
+}
+
 /** One field that was refused. */
 export interface FieldError {
   field: string;
@@ -323,6 +337,28 @@ export interface JobRequest {
   settings?: SettingsRequest;
   /** among one's own jobs; higher goes first */
   priority?: number;
+}
+
+/** What a kernel costs. low, high: 95 % interval of render_ratio, its time over the lean one's. */
+export interface KernelCost {
+  name: string;
+  operations: number;
+  compile_seconds: number;
+  render_seconds: number;
+  render_ratio: number;
+  low: number;
+  high: number;
+}
+
+/** The lean kernel of a scene and the one that has all that any scene may need; null until they are measured. */
+export interface KernelTrade {
+  is_done: boolean;
+  /** compilations and rounds that it takes */
+  steps: number;
+  /** what the lean one leaves out */
+  left_out: string[];
+  lean: KernelCost | null;
+  full: KernelCost | null;
 }
 
 /** One sample of the radiance at a pixel's centre by technique `bsdf`. */
@@ -666,6 +702,72 @@ export interface TargetRequest {
   share?: number | null;
   /** x, y, width, height: the pixels whose error counts */
   region?: number[] | null;
+}
+
+/** Error against time of a scene's settings, the default first: what is known by now. */
+export interface Trade {
+  /** of what is to be measured, what is done: 0 to 1 */
+  share: number;
+  is_done: boolean;
+  /** the setting whose turn is next */
+  at_work: string | null;
+  /** of rendering that each setting gets, at the size measured */
+  seconds: number;
+  /** of the picture that is measured */
+  width: number;
+  height: number;
+  /** of the scene's own picture */
+  full_width: number;
+  full_height: number;
+  /** its pixels over those measured */
+  full_size: number;
+  settings: TradeSetting[];
+}
+
+/** A setting's error after some seconds, with its 95 % interval. */
+export interface TradePoint {
+  seconds: number;
+  spp: number;
+  error: number;
+  low: number;
+  high: number;
+}
+
+/** What one setting costs. All seconds are those of the scene's own picture; low and high bound 95 % intervals. */
+export interface TradeSetting {
+  name: string;
+  /** what it differs in: default, technique, replicate size, sampling or depth */
+  group: string;
+  technique: "mis" | "bsdf" | "emitter" | "cosine" | "uniform";
+  curve: TradePoint[];
+  /** that it had by now */
+  seconds: number;
+  samples_per_second: number | null;
+  /** squared error × seconds, a constant of the setting; null: not known yet */
+  work: number | null;
+  work_low: number | null;
+  work_high: number | null;
+  /** the default's time that the same error takes */
+  times: number | null;
+  times_low: number | null;
+  times_high: number | null;
+  times_to: TradeTime[];
+  /** share of the light that a shallower depth leaves out */
+  lost_light: number;
+  /** false: most pixels' intervals cannot be believed, it may be far worse */
+  is_trusted: boolean;
+  /** light that this technique never finds: its error does not know of that */
+  cannot_see: string[];
+}
+
+/** Seconds to a target error with their 95 % interval; null where they are not known, or there is no such time. */
+export interface TradeTime {
+  target: number;
+  seconds: number | null;
+  low: number | null;
+  high: number | null;
+  /** the run got there; else a forecast */
+  is_measured: boolean;
 }
 
 /** A job whose row this version cannot read. */

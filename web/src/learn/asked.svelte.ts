@@ -32,6 +32,17 @@ export class Asked<T> {
     }
   }
 
+  /** Asks for turn after turn, each of which tells all that is known by then, until one is the last. */
+  async turns(next: (step: number, signal: AbortSignal) => Promise<T>, isLast: (turn: T) => boolean, keeps = false): Promise<void> {
+    await this.ask(async (signal) => {
+      for (let step = 0; ; step++) {
+        const turn = await patient(() => next(step, signal), signal);
+        if (isLast(turn) || signal.aborted) return turn;
+        this.value = turn;
+      }
+    }, keeps);
+  }
+
   /** The same again, after trouble. */
   again(): void {
     if (this.question) void this.ask(this.question, true);

@@ -6,7 +6,7 @@ import type { Layout } from '../viewer/layout';
 import { type Mode, MODES } from '../viewer/scene';
 
 /** Of the Learn view, in their order. */
-export const CHAPTERS = ['equation', 'rays', 'forms', 'monte-carlo', 'pixel'] as const;
+export const CHAPTERS = ['equation', 'rays', 'forms', 'monte-carlo', 'pixel', 'trade', 'extremes'] as const;
 export type Chapter = (typeof CHAPTERS)[number];
 
 const LAYOUTS: readonly Layout[] = ['wipe', 'side', 'flip'];
