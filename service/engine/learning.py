@@ -154,6 +154,6 @@ def picture(scene: str) -> bytes | Failure:
         width, height = (max(1, round(shrink * side)) for side in (loaded.width, loaded.height))
         settings = renderer.Settings(width=width, height=height, replicate_size=4)
         estimate = renderer.render(loaded.sized(settings), renderer.Target(spp=_PICTURE_SPP), settings)
-        return png_bytes(estimate.mean, 0.0)
+        return png_bytes(estimate.mean.astype(np.float32), 0.0)
     except Exception as error:
         return failure_of(error)
