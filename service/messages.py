@@ -102,7 +102,8 @@ class SettingsRequest(_Request):
     channels: list[Literal["albedo", "normal", "depth", "position", "shape_index", "alpha", "stokes"]] = Field(
         default_factory=list,
         max_length=7,
-        description="also in the EXR; what the scene asks for comes unnamed; stokes renders polarised light",
+        description="also in the EXR; what the scene asks for comes unnamed; stokes renders polarised light: S0.R to "
+        "S3.B, and stderr. before each name",
     )
     sensor: Annotated[str, Field(max_length=200)] | Annotated[int, Field(ge=0, le=999_999)] | None = Field(
         default=None, description="which of the scene's, by name or by index from 0; null: the first"

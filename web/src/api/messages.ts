@@ -661,7 +661,7 @@ export interface SettingsRequest {
   adaptive?: boolean;
   /** auto: the leanest that fits */
   colour?: "auto" | "mono" | "rgb" | "spectral";
-  /** also in the EXR; what the scene asks for comes unnamed; stokes renders polarised light */
+  /** also in the EXR; what the scene asks for comes unnamed; stokes renders polarised light: S0.R to S3.B, and stderr. before each name */
   channels?: ("albedo" | "normal" | "depth" | "position" | "shape_index" | "alpha" | "stokes")[];
   /** which of the scene's, by name or by index from 0; null: the first */
   sensor?: string | number | null;
