@@ -52,3 +52,10 @@ def test_long_names_in_what_a_scene_warns_of_are_cut() -> None:
     live = LiveJob.of(RECORD, Path("display"))
     live.absorb(replace(turn(4), warnings=(f"{'x' * 100_000}: flat",)))
     assert [len(one) for one in live.record.warnings] == [MOST_CHARACTERS]
+
+
+def test_the_estimate_before_the_newest_is_kept_while_a_job_runs() -> None:
+    live = LiveJob.of(RECORD, Path("display"))
+    for spp in (4, 8, 12):
+        live.absorb(turn(spp, saved=spp))
+    assert [kept.name for kept in live.kept] == ["id/12.exr", "id/8.exr"]
