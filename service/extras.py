@@ -26,7 +26,6 @@ MODULES = {
         )
     ),
     "postgres": frozenset(("psycopg",)),
-    "notebook": frozenset(("anywidget",)),
 }
 
 

@@ -13,6 +13,7 @@ from renderer.errors import MergeError
 from renderer.estimate.blocks import Held, join
 from renderer.estimate.contents import Contents, Identity, PixelReading
 from renderer.estimate.moments import Moments
+from renderer.image import card
 from renderer.image.exr import read_estimate, write_estimate, write_picture
 
 __all__ = ["Estimate", "Identity", "PixelReading", "merge", "merge_order", "merge_sorted"]
@@ -44,6 +45,14 @@ class Estimate(Contents):
     def read(path: str | Path) -> Estimate:
         """Reads back what `write` wrote, bit for bit; of a picture, the checkpoint that was written beside it."""
         return read_estimate(Path(path), Estimate)
+
+    def _repr_png_(self) -> bytes:
+        """The picture, for notebooks."""
+        return card.png(self)
+
+    def _repr_html_(self) -> str:
+        """Picture, error and trust in one card, for notebooks."""
+        return card.html(self)
 
 
 def merge(*estimates: Estimate) -> Estimate:
