@@ -1,4 +1,4 @@
-"""Prints what the package needs with its web server and the driver of PostgreSQL, one requirement a line."""
+"""Prints what the package needs with its web server, the driver of PostgreSQL and a cluster, one requirement a line."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ from pathlib import Path
 
 project = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["project"]
 extras = project["optional-dependencies"]
-needed = project["dependencies"] + extras["service"] + extras["postgres"]
+needed = project["dependencies"] + extras["service"] + extras["postgres"] + extras["cluster"]
 # An extra may name others of this package, which is not on any index while its image is built.
 print("\n".join(line for line in needed if not line.startswith("fredholm[")))

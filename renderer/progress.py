@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from renderer.estimate.estimate import Estimate
 from renderer.estimate.forecast import CurvePoint, Forecast, forecast
 from renderer.estimate.health import Health
 from renderer.estimate.moments import Moments
+from renderer.launcher import KernelLauncher, Launched, Launcher
 from renderer.resolve import Resolved, resolve
 from renderer.scene.parameters import Source
 from renderer.settings import Settings, Target
@@ -26,7 +28,6 @@ from renderer.state import RenderState
 from renderer.stopping import Reason, StopRule
 
 if TYPE_CHECKING:
-    from renderer.equation.launch import Launch, SharedLaunch
     from renderer.scene.compile import Scene
 
 MIN_SNAPSHOT_SECONDS, MAX_SNAPSHOT_SECONDS = 0.25, 0.35  # of rendering between two snapshots
@@ -108,13 +109,15 @@ def steps(
     start: Estimate | None = None,
     should_stop: Callable[[], bool] | None = None,
     is_watched: bool = True,
+    launcher: Callable[[Scene, Settings], Launcher] | None = None,
 ) -> Iterator[Snapshot | None]:
     """As `progressive`, with None wherever else it may be suspended: within a pass whose paths are long.
 
     In a closed room of white walls a single replicate may take minutes; whoever renders other scenes as well need not
     wait for it. is_watched: whether somebody looks at snapshots before the last one; if not, there are few.
+    launcher: makes what has passes run, of the scene and the resolved settings; by default they run here.
     """
-    inner = _progressive(scene, target, settings, start, should_stop, is_watched)
+    inner = _progressive(scene, target, settings, start, should_stop, is_watched, launcher)
     while True:
         # One thread at a time: several renders in several threads take turns, step by step.
         with one_at_a_time:
@@ -132,6 +135,7 @@ def _progressive(
     start: Estimate | None,
     should_stop: Callable[[], bool] | None,
     is_watched: bool,
+    launcher: Callable[[Scene, Settings], Launcher] | None,
 ) -> Iterator[Snapshot | None]:
     from renderer.scene.compile import Scene, load_scene
 
@@ -139,7 +143,7 @@ def _progressive(
     asked = settings or Settings()
     loaded = scene.sized(asked) if isinstance(scene, Scene) else load_scene(scene, settings=asked)
     question = resolve(loaded, target, asked, start)
-    yield from _Render(loaded, target, question, start, is_watched).run(should_stop or (lambda: False))
+    yield from _Render(loaded, target, question, start, is_watched, launcher).run(should_stop or (lambda: False))
 
 
 def _check_kinds(target: Any, settings: Any, start: Any) -> None:
@@ -174,7 +178,7 @@ class _Launch:
     """A pass on its way: what it renders, its results to be, when it began and after which snapshot."""
 
     work: plan.Pass
-    lanes: Launch | SharedLaunch
+    lanes: Launched
     began: float
     sequence: int
 
@@ -189,6 +193,7 @@ class _Render:
         question: Resolved,
         start: Estimate | None,
         is_watched: bool,
+        launcher: Callable[[Scene, Settings], Launcher] | None = None,
     ) -> None:
         self.scene, self.target, self.settings = scene, target, question.settings
         self.is_watched = is_watched
@@ -196,6 +201,8 @@ class _Render:
         self.size = settings.replicate_size or 1
         self.n = scene.width * scene.height
         self.kernel = scene.kernel(settings)
+        here = KernelLauncher(self.kernel, settings.seed)
+        self.launcher = here if launcher is None else launcher(scene, settings)
         # Where no target is looked at, rounds need not be shorter than their planning is worth.
         pace = SAMPLES_PER_SECOND[scene.is_listed] / self.size
         self.least = ROUND_SECONDS * pace if target.error is None else 0.0
@@ -210,7 +217,7 @@ class _Render:
         self.is_audited = not scene.needs_audit(settings)
         self.are_lights_checked = False
         self.resumed_at = time.perf_counter()
-        self.in_flight: _Launch | None = None
+        self.in_flight: deque[_Launch] = deque()  # in the order in which they are added
         self.sequence = 0
         self.snapshot_cost = 0.0
         self.since_snapshot = 0.0
@@ -237,39 +244,45 @@ class _Render:
                     self._count_time()
                     yield snapshot
                     self.resumed_at = time.perf_counter()
-            while self.in_flight is not None:
-                if self.in_flight.lanes.step():
-                    self._add(self.in_flight)
+            while self.in_flight:
+                if self.in_flight[0].lanes.step():
+                    self._add(self.in_flight.popleft())
                 elif should_stop():
-                    self.in_flight = None
+                    self.in_flight.clear()
                 else:
                     yield from self._suspended()
             stopped_by = stopped_by or self._stop_reason()
         yield self._snapshot(stopped_by)
 
     def _suspended(self) -> Iterator[None]:
-        self._count_time()
+        if self.launcher.places:  # else nothing renders
+            self._count_time()
         yield None
         self.resumed_at = time.perf_counter()
 
     def _rendered(self, works: Iterator[plan.Pass]) -> Iterator[bool]:
-        """Renders passes, one after the other; says whether one was added, or a part of it has run. The next one runs
-        while the last one's results are added, and while the caller looks at a snapshot: no processor waits for that.
+        """Renders passes and adds them in their order; says whether one was added, or a part of it has run. The next
+        ones run while a pass's results are added, and while the caller looks at a snapshot: nothing waits for that.
         """
-        work = next(works, None)
-        while work is not None or self.in_flight is not None:
-            launched = self.in_flight or self._launch(work)
-            self.in_flight = None
-            while not launched.lanes.step():
+        while True:
+            self._fill(works, 1)
+            if not self.in_flight:
+                return
+            while not self.in_flight[0].lanes.step():
                 yield False
+            launched = self.in_flight.popleft()
             self._note_pace(launched)
-            work = next(works, None)
-            # Not before the first picture, which nothing shall hold back.
-            is_seen = self.sequence > 0 or not self.is_watched
-            if work is not None and is_seen and not self._is_time_nearly_over():
-                self.in_flight = self._launch(work)
+            self._fill(works, 0)
             self._add(launched)
             yield True
+
+    def _fill(self, works: Iterator[plan.Pass], least: int) -> None:
+        """Launches passes until there are as many as the launcher wants, or at least so many."""
+        # Nothing holds back the first picture.
+        is_seen = self.sequence > 0 or not self.is_watched
+        most = self.launcher.most_launched if is_seen and not self._is_time_nearly_over() else least
+        while len(self.in_flight) < max(most, least) and (work := next(works, None)) is not None:
+            self.in_flight.append(self._launch(work))
 
     def _count_time(self) -> None:
         """Brings `seconds` up to now; suspended time does not count."""
@@ -313,19 +326,19 @@ class _Render:
         )
         return works if self.is_watched else (work for work in works if not work.is_look)
 
-    def _launch(self, work: plan.Pass | None) -> _Launch:
-        assert work is not None
+    def _launch(self, work: plan.Pass) -> _Launch:
         began = time.perf_counter()  # on a single thread the pass is over when the launch returns
-        seed = self.settings.seed
-        lanes = self.kernel.look(work.pixels, seed) if work.is_look else self.kernel.begin(*work.lanes(), seed)
-        return _Launch(work, lanes, began, self.sequence)
+        return _Launch(work, self.launcher.launch(work), began, self.sequence)
 
     def _note_pace(self, launched: _Launch) -> None:
         """What a pass that is done tells of the time and the segments that the next one will take."""
         samples = launched.work.n_lanes * self.size
         self.sample_segments = float(launched.lanes.results()[2].sum(dtype=np.int64)) / samples
-        if launched.sequence == self.sequence and not launched.lanes.is_long:  # else it may have waited for us
-            self.pass_seconds = time.perf_counter() - launched.began
+        took = self.launcher.seconds_of(launched.lanes)
+        if took is None and launched.sequence == self.sequence:  # else it may have waited for us
+            took = time.perf_counter() - launched.began
+        if took is not None and not launched.lanes.is_long:
+            self.pass_seconds = took
             speed = samples / max(self.pass_seconds, 1e-6)
             # The first pass may have compiled: a later, faster one replaces it at once.
             self.speed = speed if speed > 2 * self.speed else 0.7 * self.speed + 0.3 * speed
@@ -339,14 +352,12 @@ class _Render:
         moments = self.state.own_moments()
         self.snapshot_cost += time.perf_counter() - began
         moments.add_runs(work.pixels, work.n_replicates, radiance.T, invalid, self.size, segments)
-        if launched is self.in_flight:
-            self.in_flight = None
 
     def _samples_left(self) -> float:
         """That the target's time leaves, about."""
-        return (
-            math.inf if self.target.seconds is None else self.speed * max(0.0, self.target.seconds - self.state.seconds)
-        )
+        if self.target.seconds is None:
+            return math.inf
+        return self.speed * max(1, self.launcher.places) * max(0.0, self.target.seconds - self.state.seconds)
 
     def _pass_samples(self) -> int:
         waits = self.is_watched or self.target.seconds is not None  # somebody, or the end of the time

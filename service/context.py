@@ -7,7 +7,7 @@ import os
 import secrets
 import socket
 from collections import Counter
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import structlog
 from fastapi import Depends, Request
@@ -37,6 +37,9 @@ from service.store import Database, DatabaseReplaced, JobRecord, JobStore, Scene
 from service.store.keys import KeyStore
 from service.store.threads import reading
 from service.uploads import Uploads
+
+if TYPE_CHECKING:
+    from service.cluster.gate import Gate
 
 _ATTEMPTS_PER_SECOND, _ATTEMPTS_AT_ONCE = 1.0, 50
 _LITTLE_SPACE_BYTES = 256 << 20
@@ -76,6 +79,7 @@ class Service:
         self.uploads = Uploads(settings, self.scenes, quarantine, self.disk, self.accountant.scene_bytes(AT_ONCE))
         self.engine = EmbeddedEngine(displays=self.files.displays)
         place = f"{socket.gethostname()}:{settings.data_dir.resolve()}"
+        self.gate = self._gate()
         lease = Lease(self.jobs, place, self.id, settings.lease_seconds)
         slots = settings.max_running_jobs
         self.admission = Admission(self.jobs, self.disk, self.accountant, slots, self.need_of)
@@ -92,6 +96,8 @@ class Service:
         self._lock.take()
         await asyncio.to_thread(open_database, self.settings, self.database)
         self.files.prepare()
+        if self.gate is not None:
+            await asyncio.to_thread(self.gate.start)
         await asyncio.to_thread(self.uploads.prepare)
         await asyncio.to_thread(self._take_stock)
         await self.hub.start()
@@ -118,6 +124,8 @@ class Service:
             missing.append(f"a job waits: {held}")
         if self.runner.renderer_state != "warm":
             missing.append(f"the renderer is {self.runner.renderer_state}")
+        if self.gate is not None and (lack := self.gate.missing()) is not None:
+            missing.append(lack)
         return missing
 
     def close_streams(self) -> None:
@@ -129,9 +137,21 @@ class Service:
         self.close_streams()
         await self._housekeeping.stop()
         await self.runner.stop()
+        if self.gate is not None:
+            await asyncio.to_thread(self.gate.stop)
         self.uploads.close()
         self.database.close()
         self._lock.release()
+
+    def _gate(self) -> Gate | None:
+        """To the cluster, if there is one."""
+        asked = self.settings
+        if asked.cluster is None:
+            return None
+        from service.cluster.gate import Gate
+
+        where = self.files.displays / "gate", asked.scenes_dir
+        return Gate(asked.cluster, asked.cluster_certificates, *where, asked.crash_limit)
 
     def _take_stock(self) -> None:
         """Know from the beginning what is taken, and say what there is."""

@@ -51,6 +51,21 @@ class Metrics:
             ["of"],
             registry=r,
         )
+        self.workers = Gauge(
+            "fredholm_cluster_workers",
+            "Workers in the cluster, by whether pictures here can use them",
+            ["use"],
+            registry=r,
+        )
+        self.worker_passes = Gauge(
+            "fredholm_cluster_worker_passes", "Passes that each worker renders or holds ready", ["worker"], registry=r
+        )
+        self.worker_rendered = Gauge(
+            "fredholm_cluster_worker_rendered", "Passes that each worker has rendered for this", ["worker"], registry=r
+        )
+        self.pass_bytes = Gauge(
+            "fredholm_cluster_pass_bytes", "Messages about passes so far, sent and received", ["direction"], registry=r
+        )
         self.memory = Gauge("fredholm_memory_bytes", "Resident memory", ["process"], registry=r)
 
     def turn(self, seconds: float, samples: int) -> None:

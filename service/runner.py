@@ -21,7 +21,7 @@ from service.crashes import failure_of_losses, failure_of_surprises, turn_deadli
 from service.dispatch import Shares, may_start, next_job
 from service.engine import worker
 from service.engine.interface import Engine, Lost
-from service.engine.turn import Failure, Turn, TurnResult
+from service.engine.turn import Failure, OnCluster, Turn, TurnResult
 from service.estimates import EstimateFiles
 from service.hub import Hub
 from service.lease import Lease
@@ -70,6 +70,8 @@ class Runner:
         self._renderer = RenderProcess(engine, metrics)
         self._hub = hub
         self._files = files
+        gate = str(files.displays / "gate")
+        self._cluster = None if settings.cluster is None else OnCluster(gate, str(settings.scenes_dir))
         self._lease = lease
         self._metrics = metrics
         self._scene_path = scene_path
@@ -432,6 +434,7 @@ class Runner:
             seconds=self._settings.turn_seconds,
             checkpoint_seconds=self._settings.checkpoint_seconds,
             save=live.wants_save,
+            cluster=self._cluster,
         )
 
     async def _leave(self, live: LiveJob, step: Literal[Step.PAUSE, Step.CANCEL]) -> None:

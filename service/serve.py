@@ -9,8 +9,10 @@ import socket
 import sys
 import threading
 import webbrowser
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
+from types import MappingProxyType
 
 import structlog
 import uvicorn
@@ -20,6 +22,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from renderer.errors import FredholmError
 from service.app import create_app
+from service.cluster.security import check_address, check_installed, security_for
 from service.connections import most_connections
 from service.data_folder import make_folder, open_database
 from service.data_lock import DataFolderInUse, DataLock
@@ -29,6 +32,7 @@ from service.protocol import protocol_for
 from service.settings import ServiceSettings
 from service.store import Database, DatabaseError
 
+NO_MORE: Mapping[str, object] = MappingProxyType({})
 _GRACE_SECONDS = 2
 _DESCRIPTORS = 65536
 # Threads that read JSON from the database hold the interpreter for this long before the event loop may answer others.
@@ -52,14 +56,22 @@ class _Server(uvicorn.Server):
 
 
 def run(
-    host: str | None = None, port: int | None = None, data_dir: Path | None = None, open_browser: bool = False
+    host: str | None = None,
+    port: int | None = None,
+    data_dir: Path | None = None,
+    open_browser: bool = False,
+    more: Mapping[str, object] = NO_MORE,
 ) -> None:
-    """Serve until interrupted. What is None comes from the environment or its default. Raises ServeError."""
-    given = {"host": host, "port": port, "data_dir": data_dir}
+    """Serve until interrupted. more: other settings, by name. What is None comes from the environment or its default.
+
+    Raises ServeError.
+    """
+    given = {"host": host, "port": port, "data_dir": data_dir, **more}
     give_back_large_blocks()
     settings = settings_from({name: value for name, value in given.items() if value is not None})
     configure(settings)
     _check_reach(settings)
+    _check_cluster(settings)
     listening = _listen(settings.host, settings.port)
     _allow_descriptors()
     _check_data(settings)
@@ -103,6 +115,14 @@ def _check_reach(settings: ServiceSettings) -> None:
             f"without API keys anyone who reaches {settings.host} could use this machine; "
             "listen on 127.0.0.1, or leave FREDHOLM_API_KEYS on and create a key with `fredholm key create`"
         )
+
+
+def _check_cluster(settings: ServiceSettings) -> None:
+    if settings.cluster is None:
+        return
+    check_installed()
+    check_address(settings.cluster, settings.cluster_certificates)
+    security_for("service", settings.cluster_certificates)
 
 
 def settings_from(given: dict[str, object]) -> ServiceSettings:

@@ -48,6 +48,10 @@ class ServiceSettings(BaseSettings):
         default_factory=default_data_dir, description="database, scenes and estimates"
     )
     database_url: SecretStr | None = Field(default=None, description="SQLAlchemy URL; default: SQLite in data_dir")
+    cluster: str | None = Field(
+        default=None, description="address of a scheduler whose workers render: tls://HOST:PORT; default: this machine"
+    )
+    cluster_certificates: Path | None = Field(default=None, description="folder with those of the cluster")
     static_dir: Path = Field(default=Path(__file__).parent / "static", description="the built page")
 
     api_keys: Literal["auto", "on", "off"] = Field(default="auto", description="auto: off on a loopback address only")

@@ -11,6 +11,8 @@ from rich.markup import escape
 from renderer.backend import versions
 from renderer.errors import FredholmError
 from renderer.scene.report import inspect
+from service.command.cluster import app as cluster_commands
+from service.command.cluster import work
 from service.command.console import EXIT_BAD_INPUT, EXIT_INTERRUPTED, err
 from service.command.gallery import show_gallery
 from service.command.measure import measure_command
@@ -53,7 +55,9 @@ app.command()(inspect)
 app.command("replay")(replay_pixel)
 app.command("gallery")(show_gallery)
 app.command()(serve)
+app.command("worker")(work)
 app.add_typer(key_commands, name="key")
+app.add_typer(cluster_commands, name="cluster")
 
 
 def main() -> None:

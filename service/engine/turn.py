@@ -12,12 +12,20 @@ from service.store.records import Kept, Progress
 
 
 @dataclass(frozen=True, slots=True)
+class OnCluster:
+    """How a render process reaches the cluster. gate: path of a socket. scenes_dir: where uploaded scenes lie."""
+
+    gate: str
+    scenes_dir: str
+
+
+@dataclass(frozen=True, slots=True)
 class Turn:
     """One job's turn at the renderer.
 
     (job_id, attempt) names the live run in the render process; if it is not there, the run starts from the first sound
     one of `kept`, newest first, or from nothing. seconds: of rendering before the turn ends. save: write an estimate
-    even if none is due.
+    even if none is due. cluster: where its passes run; None: in the render process.
     """
 
     job_id: str
@@ -33,6 +41,7 @@ class Turn:
     seconds: float
     checkpoint_seconds: float
     save: bool = False
+    cluster: OnCluster | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ import threading
 import time
 import traceback
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -35,6 +35,7 @@ from service.without_paths import without_paths
 
 if TYPE_CHECKING:
     from renderer import Estimate, Scene, Settings, Snapshot
+    from renderer.launcher import Launcher
 
 WARM_UP_SCENE = "cornell-box"
 _KEPT_SCENES = 4
@@ -156,7 +157,7 @@ def advance(turn: Turn) -> TurnResult:
         return TurnResult(failure=failure_of(error, *_folders_of(turn)))
     if is_over:
         del _runs[key]
-    _trim_heap()
+    trim_heap()
     return replace(told, saved=saved, stopped_by=run.last.stopped_by)
 
 
@@ -169,7 +170,7 @@ def _show(run: _Run, path: Path) -> None:
         _log.warning("a picture cannot be shown: %s", error.strerror or error)
 
 
-def _trim_heap() -> None:
+def trim_heap() -> None:
     """Now and then give the system back what freed arrays have left in the heap: glibc keeps it, and over hours the
     process would look as if it leaked.
     """
@@ -251,9 +252,21 @@ def _start(turn: Turn, begun: Estimate | None, start: Start) -> _Run:
     scene = kept_scene(turn.scene, settings, parameters)
     from renderer.progress import steps
 
-    snapshots = steps(scene, renderer.Target(**turn.target), settings, start=begun)
+    launcher = _launcher(turn, parameters) if turn.cluster is not None else None
+    snapshots = steps(scene, renderer.Target(**turn.target), settings, start=begun, launcher=launcher)
     run = _runs[turn.job_id, turn.attempt] = _Run(snapshots, scene, 0.0, start=start)
     return run
+
+
+def _launcher(turn: Turn, parameters: Mapping[str, str]) -> Callable[[Scene, Settings], Launcher]:
+    """What has a run's passes rendered on the cluster."""
+    from service.cluster.remote import RemoteLauncher, Source, connection
+
+    assert turn.cluster is not None
+    cluster = turn.cluster
+    name = turn.scene if turn.is_gallery else str(Path(turn.scene).relative_to(cluster.scenes_dir))
+    source = Source(name, turn.is_gallery, dict(parameters))
+    return lambda scene, settings: RemoteLauncher(connection(cluster.gate, scene), source, scene, settings)
 
 
 def kept_scene(path: str, settings: Settings, parameters: Mapping[str, str] = NO_PARAMETERS) -> Scene:
@@ -390,7 +403,10 @@ def failure_of(error: Exception, *roots: str | Path) -> Failure:
 
 def _failure_of(error: Exception) -> Failure:
     import renderer
+    from service.cluster.remote import PassFailed
 
+    if isinstance(error, PassFailed):
+        return error.failure
     if isinstance(error, renderer.errors.UnsupportedScene):
         return Failure("The scene needs something that is not supported", str(error), "Change the scene.")
     if isinstance(error, renderer.errors.SceneError):

@@ -15,7 +15,10 @@ from typing import Any
 import pytest
 import yaml
 from service_process import ROOT, Server
+from typer.testing import CliRunner
 
+from service.cluster.security import check_address
+from service.command.main import app
 from service.settings import ServiceSettings
 
 DOCKERFILE = (ROOT / "docker" / "Dockerfile").read_text()
@@ -24,6 +27,7 @@ INSTRUCTIONS = [
     for line in re.sub(r"\\\n\s*", "", DOCKERFILE).splitlines()
     if line and line[0] not in "# "
 ]
+TYPER = CliRunner(env={"COLUMNS": "200", "NO_COLOR": "1", "TERM": "dumb"})
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())
 COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "docker" / "compose.yaml").read_text())
 
@@ -69,8 +73,9 @@ def test_compose_names_only_what_it_has() -> None:
 def test_the_image_installs_what_the_package_needs_and_no_more() -> None:
     command = [sys.executable, "docker/dependencies.py"]
     told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
-    needed = PROJECT["project"]["dependencies"] + PROJECT["project"]["optional-dependencies"]["postgres"]
-    assert told == needed
+    extras = PROJECT["project"]["optional-dependencies"]
+    needed = PROJECT["project"]["dependencies"] + extras["service"] + extras["postgres"] + extras["cluster"]
+    assert told == [line for line in needed if not line.startswith("fredholm[")]
 
 
 def test_what_is_copied_and_built_is_let_through() -> None:
@@ -87,7 +92,7 @@ def test_what_is_copied_and_built_is_let_through() -> None:
 
     copied = [path for rest in said("COPY") if "--from" not in rest for path in rest.split()[:-1] if path != "."]
     built = PROJECT["tool"]["hatch"]["build"]
-    needed = [*copied, *built["targets"]["wheel"]["packages"], built["hooks"]["custom"]["path"], "web/package.json"]
+    needed = [*copied, *built["targets"]["wheel"]["only-include"], built["hooks"]["custom"]["path"], "web/package.json"]
     needed += ["pyproject.toml", PROJECT["project"]["readme"], *PROJECT["project"]["license-files"]]
     assert [path for path in needed if not (ROOT / path).exists() or not is_let_through(path)] == []
     assert not is_let_through("service/static/index.html"), "the page is built in the image"
@@ -113,3 +118,29 @@ def test_the_image_starts_the_command_and_its_health_check_tells_health(server: 
 
     assert status(server.port) == 0
     assert status(9) == 1, "nothing listens there"
+
+
+def test_the_cluster_beside_it_names_commands_settings_and_files_that_there_are() -> None:
+    added: dict[str, Any] = yaml.safe_load((ROOT / "docker" / "cluster.yaml").read_text())
+    services = added["services"]
+    known = COMPOSE["services"].keys() | services.keys()
+    for name, service in services.items():
+        assert set(service.get("depends_on", ())) <= known
+        named = {mount.partition(":")[0] for mount in service["volumes"] if not mount.startswith("/")}
+        assert named <= added["volumes"].keys() | COMPOSE["volumes"].keys()
+        secured = [mount for mount in service["volumes"] if mount.endswith("/certificates:ro")]
+        assert bool(secured) == (name != "certificates")
+    given = services["fredholm"]["environment"]
+    assert {one.removeprefix("FREDHOLM_").lower() for one in given} <= set(ServiceSettings.model_fields)
+    address = given["FREDHOLM_CLUSTER"]
+    host, port = check_address(address, Path(given["FREDHOLM_CLUSTER_CERTIFICATES"]))
+    assert host in services
+    assert str(port) in services[host]["healthcheck"]["test"][-1]
+    assert address in services["worker"]["command"]
+    for name in ("certificates", "scheduler", "worker"):
+        assert services[name]["image"] == COMPOSE["services"]["fredholm"]["image"]
+        command = services[name]["command"]
+        told = TYPER.invoke(app, [*command[: 2 if command[0] == "cluster" else 1], "--help"])
+        assert told.exit_code == 0, told.output
+        for option in (part for part in command if part.startswith("--")):
+            assert option in told.output
