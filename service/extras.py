@@ -26,6 +26,7 @@ MODULES = {
         )
     ),
     "postgres": frozenset(("psycopg",)),
+    "cluster": frozenset(("cryptography", "distributed")),
 }
 
 

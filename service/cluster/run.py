@@ -24,6 +24,9 @@ _WORKER_SILENCE_SECONDS = 30.0  # after which a worker is taken for lost
 _AGAIN_SECONDS = 1.0
 _START_SECONDS = 300.0  # to import the renderer and compile a small kernel, on a busy machine
 _LOOPBACK = "127.0.0.1"
+# Dask opens a web server in any case, which asks nobody who they are: here without pages, for this machine alone.
+_NO_PAGES = {"dashboard": False, "dashboard_address": f"{_LOOPBACK}:0"}
+_NO_ROUTES = {f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker")}
 
 
 def run_scheduler(host: str, port: int, certificates: Path | None) -> None:
@@ -35,7 +38,7 @@ def run_scheduler(host: str, port: int, certificates: Path | None) -> None:
     async def serve(stop: asyncio.Event) -> None:
         from distributed import Scheduler
 
-        how: dict[str, Any] = {"protocol": "tls" if certificates else "tcp", "dashboard": False}
+        how: dict[str, Any] = {"protocol": "tls" if certificates else "tcp"} | _NO_PAGES
         async with Scheduler(
             host=host, port=port, security=security, worker_ttl=_WORKER_SILENCE_SECONDS, **how
         ) as scheduler:
@@ -98,7 +101,7 @@ async def _serve(stop: asyncio.Event, address: str, folder: Path, told: dict[str
     """One membership of the cluster: it ends with the scheduler, or when this is told to stop."""
     from distributed import Worker
 
-    how: dict[str, Any] = {"nthreads": 1, "memory_limit": 0, "dashboard": False, "local_directory": str(folder)}
+    how: dict[str, Any] = {"nthreads": 1, "memory_limit": 0, "local_directory": str(folder)} | _NO_PAGES
     worker = Worker(address, **how, **told)
     stopped = asyncio.ensure_future(stop.wait())
     try:
@@ -128,7 +131,7 @@ def _run(serve: Any) -> None:
     from dask import config
 
     logging.getLogger("distributed").setLevel(logging.WARNING)
-    config.set({"distributed.comm.timeouts.connect": "10s"})
+    config.set({"distributed.comm.timeouts.connect": "10s", **_NO_ROUTES})
 
     async def until_stopped() -> None:
         stop = asyncio.Event()

@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("distributed", reason="the extra cluster is not installed")
 pytest.importorskip("cryptography", reason="the extra cluster is not installed")
 
+import psutil
 from cluster_processes import Cluster
 from service_process import ROOT, Server
 
@@ -110,6 +111,11 @@ def test_with_certificates_a_picture_is_rendered_and_strangers_are_not_heard(
         assert "no answer" in spoken(cluster.address, tmp_path / "others")
         assert "no answer" in spoken(cluster.address.replace("tls", "tcp"), None)
         assert "workers: 1" in spoken(cluster.address, certificates)
+        # Dask's own web server asks nobody who they are: only this machine may reach it.
+        for process in (cluster.scheduler, cluster.workers["one"]):
+            heard = [one.laddr for one in psutil.Process(process.pid).net_connections() if one.status == "LISTEN"]
+            assert heard
+            assert {one.ip for one in heard} == {"127.0.0.1"}
     finally:
         service.stop()
         cluster.stop()

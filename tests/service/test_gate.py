@@ -21,7 +21,7 @@ from service.cluster.remote import GateConnection
 from service.cluster.security import ClusterError
 from service.cluster.wire import FRAME, pack
 
-QUIET: dict[str, Any] = {"dashboard": False}
+QUIET: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 
 
 async def until(holds: Callable[[], object], told: Callable[[], object] = lambda: "") -> None:
