@@ -36,7 +36,9 @@ from service.states import ENDED, State
 from service.store import Database, DatabaseReplaced, JobRecord, JobStore, SceneDamaged, SceneStore
 from service.store.keys import KeyStore
 from service.store.threads import reading
+from service.store.webhooks import WebhookStore
 from service.uploads import Uploads
+from service.webhooks import Messenger
 
 if TYPE_CHECKING:
     from service.cluster.gate import Gate
@@ -87,6 +89,8 @@ class Service:
         self.runner = Runner(*parts, self._scene_path, self.disk, self.admission)
         self.hub.expected_starts = self.runner.expected_starts
         self._housekeeping = Housekeeping(settings, self.jobs, self.uploads, self.runner, self.metrics, quarantine)
+        allowed = settings.webhook_private_addresses
+        self._messenger = Messenger(WebhookStore(self.database), is_private_allowed=allowed)
         self._lock = DataLock(settings.data_dir)
         self._log = structlog.get_logger("service")
 
@@ -103,6 +107,7 @@ class Service:
         await self.hub.start()
         await self.runner.start()
         self._housekeeping.start()
+        self._messenger.start()
         if self.settings.are_keys_required and not await asyncio.to_thread(self.keys.any_in_use):
             self._log.warning("no API key exists yet, so nobody can ask anything: fredholm key create NAME")
 
@@ -136,6 +141,7 @@ class Service:
         """Save what runs, end the processes, close the database."""
         self.close_streams()
         await self._housekeeping.stop()
+        await self._messenger.stop()
         await self.runner.stop()
         if self.gate is not None:
             await asyncio.to_thread(self.gate.stop)

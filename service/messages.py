@@ -122,6 +122,13 @@ class SettingsRequest(_Request):
     )
 
 
+class WebhookRequest(_Request):
+    """Who is told of a job's end, signed as Standard Webhooks has it."""
+
+    url: str = Field(max_length=2000, description="https, at a public address; answers 2xx when it has heard")
+    secret: SecretStr = Field(max_length=200, description="whsec_ and the base64 of 24 to 64 bytes, to sign with")
+
+
 class JobRequest(_Request):
     """A picture to be rendered."""
 
@@ -129,6 +136,7 @@ class JobRequest(_Request):
     target: TargetRequest
     settings: SettingsRequest = Field(default_factory=SettingsRequest)
     priority: int = Field(default=0, ge=-9, le=9, description="among one's own jobs; higher goes first")
+    webhook: WebhookRequest | None = Field(default=None, description="told of each end of the job")
 
 
 class SeriesRequest(JobRequest):

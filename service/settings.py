@@ -118,6 +118,10 @@ class ServiceSettings(BaseSettings):
     crash_limit: int = Field(default=3, ge=1, description="render processes a job may crash before it fails")
     warm_up: bool = Field(default=True, description="compile a small scene at start: the first picture comes sooner")
 
+    webhook_private_addresses: bool = Field(
+        default=False, description="webhooks may go to this machine and its networks, and by http"
+    )
+
     request_head_seconds: float = Field(default=10.0, gt=0, description="for the head of a request to arrive")
     body_silence_seconds: float = Field(default=30.0, gt=0, description="within a body; then the connection is closed")
     body_seconds: float = Field(default=900.0, gt=0, description="for a whole body, however steadily it comes")

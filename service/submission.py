@@ -25,6 +25,7 @@ from service.states import Step, after
 from service.store import JobRecord, NewJob, QueueLimits, SceneRecord
 from service.store.records import loaded_as
 from service.uploads import Uploads
+from service.webhooks import check_url, secret_bytes
 
 if TYPE_CHECKING:
     from service.context import Service
@@ -99,7 +100,24 @@ def new_job(
         warnings,
         client_id=caller.client_id,
         priority=request.priority,
+        webhook=_webhook(request, settings),
     )
+
+
+def _webhook(request: JobRequest, settings: ServiceSettings) -> dict[str, str] | None:
+    """Who is to be told. Raises ProblemError."""
+    if request.webhook is None:
+        return None
+    url, secret = request.webhook.url, request.webhook.secret.get_secret_value()
+    try:
+        check_url(url, is_private_allowed=settings.webhook_private_addresses)
+    except ValueError as error:
+        raise refused("webhook.url", shown(str(error))) from None
+    try:
+        secret_bytes(secret)
+    except ValueError as error:
+        raise refused("webhook.secret", str(error)) from None
+    return {"url": url, "secret": secret}
 
 
 async def members_of(
@@ -113,7 +131,13 @@ async def members_of(
     made: list[NewJob] = []
     for values in request.sweep or [{}]:
         settings = request.settings.model_copy(update={"parameters": {**request.settings.parameters, **values}})
-        single = JobRequest(scene=request.scene, target=request.target, settings=settings, priority=request.priority)
+        single = JobRequest(
+            scene=request.scene,
+            target=request.target,
+            settings=settings,
+            priority=request.priority,
+            webhook=request.webhook,
+        )
         told, parameters = None, texts_of(single)
         if uploaded is not None and parameters:
             told = await service.uploads.with_parameters(uploaded, parameters, caller.client_id)
@@ -178,8 +202,11 @@ def check_memory(need: Need, accountant: Accountant) -> None:
 
 
 def request_digest(request: JobRequest) -> str:
-    """Tells a repeated request from another one."""
-    return hashlib.sha256(request.model_dump_json().encode()).hexdigest()
+    """Tells a repeated request from another one. What came later and is not used leaves the digests of old alone."""
+    told = request.model_dump_json(exclude={"webhook"})
+    if request.webhook is not None:
+        told += request.webhook.url + request.webhook.secret.get_secret_value()
+    return hashlib.sha256(told.encode()).hexdigest()
 
 
 def check_continuation(job: JobRecord, request: ContinueRequest, settings: ServiceSettings) -> dict[str, Any]:

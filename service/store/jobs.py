@@ -44,6 +44,7 @@ from service.store.records import (
 )
 from service.store.scenes import SceneNotFound
 from service.store.schema import events, jobs, scenes
+from service.store.webhooks import Webhook, forget, queue_message, remember
 
 
 def _as_text(column: Column[Any]) -> ColumnElement[Any]:
@@ -186,12 +187,15 @@ class JobStore:
     def _insert_one(self, connection: Connection, new: NewJob, limits: QueueLimits | None) -> JobRecord:
         row = {**asdict(new), "id": secrets.token_hex(6), "state": State.QUEUED, "created_at": now()}
         row |= {"progress": asdict(Progress()), "curve": [], "warnings": list(new.warnings)}
+        del row["webhook"]
         _check_room(connection, new.client_id, limits)
         if new.scene_kind == "upload":
             held = select(scenes.c.id).where(scenes.c.id == new.scene_ref).with_for_update(read=True, key_share=True)
             if connection.execute(held).first() is None:
                 raise SceneNotFound(new.scene_ref)
         added = connection.execute(insert(jobs).values(row).returning(*_WHOLE)).mappings().one()
+        if new.webhook is not None:
+            remember(connection, row["id"], Webhook(**new.webhook))
         return _record(connection, job_from(added))
 
     def get(self, job_id: str) -> JobRecord:
@@ -427,6 +431,7 @@ class JobStore:
                 _one(connection, job_id)
                 raise StillRunning
             connection.execute(delete(events).where(events.c.job_id == job_id))
+            forget(connection, job_id)
             keep_event_order(connection)
             connection.execute(insert(events).values(job_id=job_id, client_id=row.client_id, at=now(), job=None))
 
@@ -567,4 +572,6 @@ def _record(connection: Connection, job: JobRecord) -> JobRecord:
     }
     keep_event_order(connection)
     connection.execute(insert(events).values(row))
+    if job.state in ENDED:
+        queue_message(connection, job)
     return job

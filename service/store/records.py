@@ -90,6 +90,7 @@ class NewJob:
     idempotency_key: str | None = None
     request_digest: str | None = None
     series: str | None = None
+    webhook: dict[str, str] | None = None  # url and secret: who is told of its end
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,6 +101,29 @@ api_keys = Table(
     Column("revoked_at", Text),
 )
 
+# Who is told of a job's end.
+webhooks = Table(
+    "webhooks",
+    metadata,
+    Column("job_id", Text, primary_key=True),
+    Column("url", Text, nullable=False),
+    Column("secret", Text, nullable=False),  # in no event and no answer
+)
+
+# What has still to be told: a row is gone once it was heard or given up.
+webhook_deliveries = Table(
+    "webhook_deliveries",
+    metadata,
+    Column("id", Text, primary_key=True),
+    Column("job_id", Text, nullable=False),  # not a foreign key: the end of a job that was deleted is told too
+    Column("url", Text, nullable=False),
+    Column("secret", Text, nullable=False),
+    Column("body", Text, nullable=False),
+    Column("attempts", Integer, nullable=False, server_default="0"),
+    Column("due_at", Text, nullable=False),
+    Index("webhook_deliveries_by_time", "due_at"),
+)
+
 # The data folder that this database belongs to: its jobs name files in there. One row.
 data_folder = Table(
     "data_folder",

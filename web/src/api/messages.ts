@@ -337,6 +337,8 @@ export interface JobRequest {
   settings?: SettingsRequest;
   /** among one's own jobs; higher goes first */
   priority?: number;
+  /** told of each end of the job */
+  webhook?: WebhookRequest | null;
 }
 
 /** What a kernel costs. low, high: 95 % interval of render_ratio, its time over the lean one's. */
@@ -611,6 +613,8 @@ export interface SeriesRequest {
   settings?: SettingsRequest;
   /** among one's own jobs; higher goes first */
   priority?: number;
+  /** told of each end of the job */
+  webhook?: WebhookRequest | null;
   /** by name or index; null: that of the settings */
   sensors?: "all" | (string | number)[] | null;
   /** values for the scene's parameters beside those of the settings, one set each */
@@ -774,4 +778,12 @@ export interface TradeTime {
 export interface UnreadableRow {
   id: string;
   reason: string;
+}
+
+/** Who is told of a job's end, signed as Standard Webhooks has it. */
+export interface WebhookRequest {
+  /** https, at a public address; answers 2xx when it has heard */
+  url: string;
+  /** whsec_ and the base64 of 24 to 64 bytes, to sign with */
+  secret: string;
 }
