@@ -11,6 +11,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import httpx
+from exr_files import values, write
 from playwright.sync_api import Page, Route, expect
 from running import Service
 
@@ -242,6 +244,44 @@ def region(page: Page, stage: Stage) -> None:
     expect(page.get_by_role("region", name="Region of interest")).to_be_visible()
 
 
+def an_exr(stage: Stage, gain: float) -> Path:
+    """The ended job's picture, brighter, as another renderer's file."""
+    path = stage.folder / "reference.exr"
+    path.write_bytes(httpx.get(f"{stage.service.url}/api/jobs/{stage.done}/image.exr", timeout=60).content)
+    return write(path, values(path)[..., :3] * gain)
+
+
+def reference(page: Page, stage: Stage) -> None:
+    done(page, stage)
+    page.get_by_label("Reference file").set_input_files(an_exr(stage, 1.03))
+    expect(page.get_by_role("region", name="Against the reference")).to_contain_text("SSIM", timeout=60_000)
+    page.wait_for_timeout(300)
+
+
+def opened(page: Page, stage: Stage) -> None:
+    show(page, stage, "#/")
+    page.get_by_label("Picture file").set_input_files(an_exr(stage, 1.0))
+    expect(page.get_by_role("region", name="File")).to_contain_text("reference.exr")
+    page.wait_for_function(DRAWN)
+    page.wait_for_timeout(300)
+
+
+def colours(page: Page, stage: Stage) -> None:
+    done(page, stage)
+    page.get_by_role("combobox", name="Tone map or false colours").select_option("viridis")
+    expect(page.get_by_role("textbox", name="Left end of the range")).to_be_visible()
+    page.wait_for_timeout(300)
+
+
+def layers(page: Page, stage: Stage) -> None:
+    job = stage.service.submit({"spp": 32}, width=96, height=96, channels=["albedo", "normal", "depth"])
+    stage.service.wait_ended(job)
+    show(page, stage, f"#/jobs/{job}?layer=normal&px=40,40&region=20,20,30,30")
+    expect(page.get_by_role("region", name="Layers at the pixel")).to_contain_text("normal")
+    expect(page.get_by_role("region", name="Region of interest")).to_contain_text("mean")
+    page.wait_for_timeout(300)
+
+
 def table(page: Page, stage: Stage) -> None:
     done(page, stage)
     page.get_by_role("button", name="Table").click()
@@ -391,6 +431,10 @@ PLACES: dict[str, Callable[[Page, Stage], None]] = {
     "difference": difference,
     "zoomed": zoomed,
     "region": region,
+    "reference": reference,
+    "opened": opened,
+    "colours": colours,
+    "layers": layers,
     "table": table,
     "menu": menu,
     "help": key_help,

@@ -15,7 +15,7 @@ AXE = ROOT / "web" / "node_modules" / "axe-core" / "axe.min.js"
 LOOKS = [(1440, "dark"), (420, "light"), (900, "dark"), (1440, "light"), (420, "dark"), (900, "light")]
 # By default places that differ most, each in a look of its own turn; `slow` asks for all looks of all places.
 DEFAULT = "empty new-chosen new-wrong refused queued no-frame-yet running doubtful failed reconnecting error wipe side "
-DEFAULT += "difference region help continue menu"
+DEFAULT += "difference region reference opened colours layers help continue menu"
 BY_DEFAULT = [(name, *look) for name, look in zip(DEFAULT.split(), cycle(LOOKS), strict=False)]
 OTHERS = [(name, *look) for name in PLACES for look in LOOKS if (name, *look) not in BY_DEFAULT]
 

@@ -71,6 +71,7 @@ def test_view_and_probe_keys(page: Page, service: Service, finished_job: str) ->
 
 TRIED_HERE = "e, Shift E, r, n, t, h, u, v, f, 0, +, -, Shift arrows, arrows, Enter, Esc, o, j, k, Shift N, ?"
 TRIED_IN_COMPARING = "1, 2, x, w, s, d, p"
+TRIED_ELSEWHERE = "c, Shift S, Shift C, g"  # test_looking.py, test_reference.py
 
 
 def test_the_help_shows_the_keys_that_are_tried_here_and_in_comparing(
@@ -79,7 +80,7 @@ def test_the_help_shows_the_keys_that_are_tried_here_and_in_comparing(
     open_job(page, service, finished_job)
     page.keyboard.press("?")
     assert sorted(page.locator("dialog kbd").all_inner_texts()) == sorted(
-        f"{TRIED_HERE}, {TRIED_IN_COMPARING}".split(", ")
+        f"{TRIED_HERE}, {TRIED_IN_COMPARING}, {TRIED_ELSEWHERE}".split(", ")
     )
 
 

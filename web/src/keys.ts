@@ -1,7 +1,7 @@
 /** The keyboard: one table that the handler obeys and the help shows. */
 export type Action =
   | 'exposureUp' | 'exposureDown' | 'exposureReset' | 'normalise' | 'nextToneMap'
-  | 'toggleError' | 'toggleDifference' | 'nextView' | 'onlyAbove' | 'showA' | 'showB' | 'swap' | 'wipe' | 'sideBySide'
+  | 'toggleError' | 'toggleDifference' | 'toggleTruth' | 'nextColours' | 'saveView' | 'copyView' | 'nextView' | 'onlyAbove' | 'showA' | 'showB' | 'swap' | 'wipe' | 'sideBySide'
   | 'drawRegion' | 'pauseOrResume' | 'fit' | 'actualSize' | 'zoomIn' | 'zoomOut'
   | 'probeLeft' | 'probeRight' | 'probeUp' | 'probeDown'
   | 'panLeft' | 'panRight' | 'panUp' | 'panDown'
@@ -25,6 +25,9 @@ export const BINDINGS: readonly Binding[] = [
   { action: 'exposureReset', keys: ['r'], shown: 'r', does: 'exposure back to 0', group: 'Picture' },
   { action: 'normalise', keys: ['n'], shown: 'n', does: 'normalise: the brightest 1 % turn white', group: 'Picture' },
   { action: 'nextToneMap', keys: ['t'], shown: 't', does: 'next tone map', group: 'Picture' },
+  { action: 'nextColours', keys: ['c'], shown: 'c', does: 'next false colours', group: 'Picture' },
+  { action: 'saveView', keys: ['Shift+S'], shown: 'Shift S', does: 'save the view as PNG', group: 'Picture' },
+  { action: 'copyView', keys: ['Shift+C'], shown: 'Shift C', does: 'copy the view', group: 'Picture' },
   { action: 'toggleError', keys: ['h'], shown: 'h', does: 'error map on or off', group: 'Picture' },
   { action: 'onlyAbove', keys: ['u'], shown: 'u', does: 'error map: only pixels above the target', group: 'Picture' },
   { action: 'nextView', keys: ['v'], shown: 'v', does: 'next view: image, error, samples, trust', group: 'Picture' },
@@ -34,6 +37,7 @@ export const BINDINGS: readonly Binding[] = [
   { action: 'wipe', keys: ['w'], shown: 'w', does: 'wipe between A and B', group: 'Compare' },
   { action: 'sideBySide', keys: ['s'], shown: 's', does: 'side by side', group: 'Compare' },
   { action: 'toggleDifference', keys: ['d'], shown: 'd', does: 'difference in standard errors', group: 'Compare' },
+  { action: 'toggleTruth', keys: ['g'], shown: 'g', does: 'true error: A against B, which is the reference', group: 'Compare' },
   { action: 'fit', keys: ['f'], shown: 'f', does: 'fit the picture', group: 'View' },
   { action: 'actualSize', keys: ['0'], shown: '0', does: '100 %: one image pixel per screen pixel', group: 'View' },
   { action: 'zoomIn', keys: ['+', '='], shown: '+', does: 'zoom in (or the wheel)', group: 'View' },

@@ -21,7 +21,7 @@ export interface TargetDraft {
 }
 
 /** Settings that the form has no field for: they are kept from the job that is asked for again. */
-type Carried = Omit<SettingsRequest, 'width' | 'height' | 'seed' | 'max_depth' | 'technique' | 'adaptive' | 'sensor' | 'camera' | 'parameters'>;
+type Carried = Omit<SettingsRequest, 'width' | 'height' | 'seed' | 'max_depth' | 'technique' | 'adaptive' | 'channels' | 'sensor' | 'camera' | 'parameters'>;
 
 /** Where the sensor is and looks, as typed: "x, y, z", degrees; empty is as the scene has it. */
 export type CameraDraft = Record<'origin' | 'target' | 'up' | 'fov', string>;
@@ -44,6 +44,8 @@ export interface Draft extends TargetDraft {
   camera: CameraDraft;
   /** Values for the scene's parameters, as typed; empty is the scene's own; several, parted by semicolons, are a picture each. */
   parameters: Record<string, string>;
+  /** What else to say of each pixel. */
+  channels: ChannelName[];
   carried: Carried;
   priority: number;
 }
@@ -58,6 +60,17 @@ export const TECHNIQUES: readonly { id: Technique; label: string; teaches: strin
   { id: 'uniform', label: 'Uniform hemisphere', teaches: 'Every direction alike: the baseline the others are measured against.' },
 ];
 
+export type ChannelName = NonNullable<SettingsRequest['channels']>[number];
+
+export const CHANNELS: readonly { id: ChannelName; label: string }[] = [
+  { id: 'albedo', label: 'Albedo' },
+  { id: 'normal', label: 'Normal' },
+  { id: 'depth', label: 'Depth' },
+  { id: 'position', label: 'Position' },
+  { id: 'shape_index', label: 'Shape index' },
+  { id: 'stokes', label: 'Polarisation (Stokes)' },
+];
+
 const OWN_CAMERA: CameraDraft = { origin: '', target: '', up: '', fov: '' };
 
 export function freshDraft(): Draft {
@@ -69,7 +82,7 @@ export function freshDraft(): Draft {
     region: '', confidence: null, share: null,
     width: '', height: '', proportions: 1,
     maxDepth: '', technique: 'mis', isAdaptive: true, seed: '0',
-    sensor: null, hasAllSensors: false, camera: OWN_CAMERA, parameters: {}, carried: {}, priority: 0,
+    sensor: null, hasAllSensors: false, camera: OWN_CAMERA, parameters: {}, channels: [], carried: {}, priority: 0,
   }; // prettier-ignore
 }
 
@@ -77,7 +90,7 @@ export function freshDraft(): Draft {
 export function draftFrom(job: Job, choice: SceneChoice | null): Draft {
   const { target, settings, priority = 0 } = job;
   const text = (value: number | null | undefined, otherwise: string): string => (value === null || value === undefined ? otherwise : String(value));
-  const { width, height, seed, max_depth, technique, adaptive, sensor = null, camera = null, parameters = {}, ...others } = settings;
+  const { width, height, seed, max_depth, technique, adaptive, sensor = null, camera = null, parameters = {}, channels = [], ...others } = settings;
   return {
     choice,
     hasError: !!target.error,
@@ -102,6 +115,7 @@ export function draftFrom(job: Job, choice: SceneChoice | null): Draft {
       origin: camera.origin?.join(', ') ?? '', target: camera.target?.join(', ') ?? '', up: camera.up?.join(', ') ?? '', fov: text(camera.fov, ''),
     }, // prettier-ignore
     parameters,
+    channels: channels as ChannelName[],
     carried: present(others) as Carried,
     priority,
   };
@@ -250,6 +264,7 @@ export function submissionOf(draft: Draft): Submission {
     settings: {
       technique: draft.technique,
       ...(!draft.isAdaptive && { adaptive: false }),
+      ...(draft.channels.length > 0 && { channels: draft.channels }),
       ...(width !== '' && { width: Number(width) }),
       ...(height !== '' && { height: Number(height) }),
       ...(draft.maxDepth !== '' && { max_depth: Number(draft.maxDepth) }),

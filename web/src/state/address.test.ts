@@ -32,3 +32,14 @@ it('nonsense is the usual, not an error', () => {
   expect(addressOf('#/learn/box?x=1')).toMatchObject({ page: 'learn', pixel: null });
   expect(addressOf('')).toEqual({ page: 'start' });
 });
+
+it('carries how a picture is looked at, and leaves out what a cut link makes useless', () => {
+  const look = {
+    tone: 'filmic', map: 'cividis', range: [0.5, 20], isLog: true, layer: 'albedo', zoom: 2.5, at: { x: 31.25, y: 7 }, pixel: { x: 3, y: 4 }, region: [1, 2, 30, 40],
+  } as const; // prettier-ignore
+  const address = { page: 'job', id: 'abc', mode: 'image', exposure: 0, against: null, layout: 'wipe', look } as unknown as Address;
+  const hash = '#/jobs/abc?layer=albedo&tone=filmic&map=cividis&range=0.5,20&log=1&zoom=2.5&at=31.25,7&px=3,4&region=1,2,30,40';
+  expect(hashOf(address)).toBe(hash);
+  expect(addressOf(hash)).toEqual(address);
+  expect(addressOf('#/jobs/abc?zoom=2&at=1&px=3&region=1,2,0,4&range=5,1&map=jet&tone=x')).not.toHaveProperty('look');
+});

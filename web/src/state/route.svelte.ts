@@ -22,6 +22,7 @@ export function followAddress(page: Window): () => void {
         workbench.mode = address.mode;
         workbench.layout = address.layout;
         workbench.setExposure(address.exposure);
+        workbench.lookAs(address.look ?? {});
         break;
       case 'learn':
         learn.open(address);
@@ -45,14 +46,14 @@ export function followAddress(page: Window): () => void {
 /** What is looked at now, as an address. Null where nothing is chosen: the address stays as it is. */
 function shown(): Address | null {
   if (route.page === 'learn') return learn.address;
-  const { selectedId, againstId, mode, layout, exposure } = workbench;
+  const { selectedId, againstId, mode, layout, exposure, look } = workbench;
   if (selectedId === null) return null;
-  return { page: 'job', id: selectedId, mode, exposure, against: againstId, layout };
+  return { page: 'job', id: selectedId, mode, exposure, against: againstId, layout, look };
 }
 
 /** Goes to a job and keeps the way it is looked at. */
 export function openJob(page: Window, id: string): void {
-  page.location.hash = hashOf({ page: 'job', id, mode: workbench.mode, exposure: workbench.exposure, against: null, layout: workbench.layout });
+  page.location.hash = hashOf({ page: 'job', id, mode: workbench.mode, exposure: workbench.exposure, against: null, layout: workbench.layout, look: workbench.kept });
 }
 
 /** Selects without a history entry: used for the first job shown. */

@@ -4,8 +4,14 @@ import type { Reading } from '../frame/reading';
 import type { Action } from '../keys';
 import { arrange, type Layout, otherView, type Port, portOf } from '../viewer/layout';
 import { pictureCanvas } from '../viewer/canvas';
-import { type Agreement, type HeldFrame, type Mode, MODES, type Pane, TONE_MAPS } from '../viewer/scene';
-import { centred, fitView, panned, pixelAt, revealing, type Size, steppedZoom, type View, zoomAbout } from '../viewer/view';
+import { type Agreement, type HeldFrame, type Mode, MODES, needsTwo, type Pane, type Shade, TONE_MAPS } from '../viewer/scene';
+import type { JobLook } from './address';
+import { centred, clampZoom, fitView, panned, pixelAt, revealing, type Size, steppedZoom, type View, zoomAbout } from '../viewer/view';
+import { layersAsked, type Layer } from '../files/raster';
+import { files } from './files.svelte';
+import type { ColourMap } from '../viewer/colourmaps';
+import { COLOUR_MAPS } from '../viewer/colourmaps';
+import { valuesOf } from '../frame/values';
 import { Picture, type Probe } from './picture.svelte';
 import { preferences } from './preferences.svelte';
 
@@ -38,6 +44,15 @@ class Workbench {
   probe = $state.raw<Probe | null>(null);
   isPinned = $state(false);
   spoken = $state('');
+  /** What came of something that was asked for, for a moment. */
+  said = $state('');
+  private saidTimer: ReturnType<typeof setTimeout> | undefined;
+
+  say(text: string): void {
+    this.said = text;
+    clearTimeout(this.saidTimer);
+    this.saidTimer = setTimeout(() => (this.said = ''), 4000);
+  }
 
   /** Drawn with the mouse; a new render or a continued one can be told to count its error there. */
   region = $state.raw<Region | null>(null);
@@ -69,7 +84,45 @@ class Workbench {
     this.isComparing && this.a.image.width === this.b.image.width && this.a.image.height === this.b.image.height,
   );
   /** The mode that is drawn: without a second picture of the same size there is no difference. */
-  readonly shownMode: Mode = $derived(this.mode === 'difference' && !this.canSubtract ? 'image' : this.mode);
+  readonly shownMode: Mode = $derived.by(() => {
+    // Errors, samples and trust are the picture's own, not a layer's.
+    if (this.layer !== '') return 'image';
+    return needsTwo(this.mode) && !this.canSubtract ? 'image' : this.mode;
+  });
+
+  /** Of the file or job: "" is the picture itself. */
+  get layer(): string {
+    return this.a.layer;
+  }
+  set layer(name: string) {
+    if (name === this.a.layer) return;
+    for (const picture of this.pictures) picture.layer = name;
+    this.typedRange = null;
+  }
+
+  /** Numbers through a colour map; null: as light, with exposure and tone map. */
+  falseColour = $state<ColourMap | null>(null);
+  isLog = $state(false);
+  /** Ends typed by hand; null: those of the picture. */
+  typedRange = $state.raw<readonly [number, number] | null>(null);
+  /** What the picture's finite values reach: of layers that are no light all of them, else 1 % and 99 % of luminance. */
+  private readonly reach = $derived(this.frame ? valuesOf(this.frame) : null);
+  /** Layers of picture A beside the picture itself; of a job those that it was asked for. */
+  readonly layers: readonly Layer[] = $derived(this.a.file?.info.layers.slice(1) ?? layersAsked(this.job?.settings.channels ?? []));
+  readonly isLight: boolean = $derived(this.layer === '' || /(^|\.)(albedo|S0)$/.test(this.layer));
+  private readonly isScalar: boolean = $derived(this.layers.find((one) => one.name === this.layer)?.channels.length === 1);
+  readonly map: ColourMap | null = $derived(this.falseColour ?? (this.isScalar ? 'viridis' : null));
+  readonly range: readonly [number, number] = $derived.by(() => {
+    if (this.typedRange) return this.typedRange;
+    if (!this.reach) return [0, 1];
+    const [low, high] = this.isLight || this.isScalar ? this.reach.usual : this.reach.whole;
+    const start = this.isLog ? Math.max(low, high * 1e-4, 1e-12) : low;
+    return high > start ? [start, high] : [start, start + (Math.abs(start) || 1)];
+  });
+  readonly shade: Shade | null = $derived.by(() => {
+    if (this.shownMode !== 'image' || (this.map === null && this.isLight)) return null;
+    return { map: this.map, range: this.range, isLog: this.isLog && this.range[0] > 0 };
+  });
 
   readonly port: Port = $derived(portOf(this.size, this.effectiveLayout, this.density));
   readonly view: View = $derived(this.isFitted ? fitView(this.image, this.port) : this.freeView);
@@ -81,7 +134,7 @@ class Workbench {
       view: this.view,
       wipeAt: this.wipeAt,
       flipped: this.flipped,
-      isDifference: this.shownMode === 'difference',
+      isJoint: needsTwo(this.shownMode),
       a: { image: this.a.image, frame: this.a.frame?.id ?? null, target: this.a.target, reduce: this.a.frame?.header.reduce ?? 1 },
       b: { image: this.b.image, frame: this.b.frame?.id ?? null, target: this.b.target, reduce: this.b.frame?.header.reduce ?? 1 },
     }),
@@ -97,7 +150,7 @@ class Workbench {
   });
 
   private get effectiveLayout(): Layout | 'single' {
-    if (!this.isComparing || (this.mode === 'difference' && this.canSubtract)) return 'single';
+    if (!this.isComparing || needsTwo(this.shownMode)) return 'single';
     return this.layout;
   }
 
@@ -112,6 +165,7 @@ class Workbench {
       const wantsMaps = (): boolean => this.mode === 'samples' || this.mode === 'trust';
       for (const picture of this.pictures) picture.follow(() => this.probe, wantsMaps);
       $effect(() => this.compare());
+      $effect(() => this.settle());
     });
   }
 
@@ -121,6 +175,77 @@ class Workbench {
     if (!frame) this.paintedMilliseconds = 0;
     this.paintedId = frame?.id ?? null;
     this.paintedSeq = frame?.header.seq ?? 0;
+  }
+
+  /** Opens files as pictures: one as the reference of a picture of its size that is on the bench, else by itself. */
+  async openFiles(given: readonly File[]): Promise<void> {
+    const file = await files.open(given);
+    if (!file) return;
+    const isSame = this.a.isOpen && file.info.width === this.image.width && file.info.height === this.image.height;
+    if (!isSame) {
+      location.hash = `#/jobs/${file.id}`;
+      return;
+    }
+    this.against(file.id);
+    this.layer = '';
+    this.mode = 'truth';
+  }
+
+  /** The view as a link tells it, once it has come to rest. */
+  private settled = $state.raw<Pick<JobLook, 'zoom' | 'at'>>({});
+  /** From a link, until the viewer has a size and the picture too. */
+  private wantedView = $state.raw<Pick<JobLook, 'zoom' | 'at'> | null>(null);
+
+  /** How the picture is looked at, for a link. */
+  readonly look: JobLook = $derived({
+    // A tone map is this browser's own choice; a link carries it where it is none of the usual.
+    ...(preferences.tone !== 'srgb' && { tone: preferences.tone }),
+    ...(this.falseColour && { map: this.falseColour }),
+    ...(this.typedRange && { range: this.typedRange }),
+    ...(this.isLog && { isLog: true as const }),
+    ...(this.layer !== '' && { layer: this.layer }),
+    ...(this.wantedView ?? (this.isFitted ? {} : this.settled)),
+    ...(this.isPinned && this.probe && { pixel: this.probe }),
+    ...(this.region && { region: this.region }),
+  });
+
+  /** What stays from picture to picture. */
+  readonly kept: JobLook = $derived.by(() => {
+    const { tone, map, range, isLog } = this.look;
+    return { ...(tone && { tone }), ...(map && { map }), ...(range && this.layer === '' && { range }), ...(isLog && { isLog }) };
+  });
+
+  /** Looks at the picture as a link says. */
+  lookAs({ tone, map, range, isLog, layer, zoom, at, pixel, region }: JobLook): void {
+    if (tone) preferences.tone = tone;
+    this.falseColour = map ?? null;
+    this.layer = layer ?? '';
+    this.typedRange = range ?? null;
+    this.isLog = isLog ?? false;
+    if (region) this.region = region;
+    if (pixel) [this.probe, this.isPinned] = [pixel, true];
+    if (zoom !== undefined && at) this.wantedView = { zoom, at };
+  }
+
+  /** Takes a link's view once there is room for it, and notes where the view has come to rest. */
+  private settle(): (() => void) | undefined {
+    const { wantedView, density, port } = this;
+    if (wantedView?.zoom !== undefined && wantedView.at) {
+      if (port.width === 0 || this.a.main === null) return undefined;
+      const zoom = clampZoom(wantedView.zoom * density);
+      this.freeView = { zoom, left: port.width / 2 - wantedView.at.x * zoom, top: port.height / 2 - wantedView.at.y * zoom };
+      this.isFitted = false;
+      this.settled = wantedView;
+      // The viewer takes its last size once everything around it is there.
+      const timer = setTimeout(() => (this.wantedView = null), 600);
+      return () => clearTimeout(timer);
+    }
+    const { freeView } = this;
+    const timer = setTimeout(() => {
+      const { zoom, left, top } = freeView;
+      this.settled = { zoom: zoom / density, at: { x: (port.width / 2 - left) / zoom, y: (port.height / 2 - top) / zoom } };
+    }, 250);
+    return () => clearTimeout(timer);
   }
 
   /** Puts a job on the bench, and another beside it. */
@@ -133,6 +258,8 @@ class Workbench {
       this.isPinned = false;
       this.isFitted = true;
       this.region = null;
+      this.layer = '';
+      this.wantedView = null;
     }
     this.against(against);
   }
@@ -141,7 +268,7 @@ class Workbench {
     if (id === this.b.id) return;
     this.b.id = id;
     this.flipped = 'a';
-    if (id === null && this.mode === 'difference') this.mode = 'image';
+    if (id === null && needsTwo(this.mode)) this.mode = 'image';
   }
 
   swap(): void {
@@ -186,6 +313,7 @@ class Workbench {
   }
 
   setView(view: View): void {
+    this.wantedView = null;
     this.freeView = view;
     this.isFitted = false;
   }
@@ -209,7 +337,7 @@ class Workbench {
 
   private lay(layout: Layout, shown?: 'a' | 'b'): boolean {
     if (!this.isComparing) return false;
-    if (this.mode === 'difference') this.mode = 'image';
+    if (needsTwo(this.mode)) this.mode = 'image';
     this.layout = layout;
     if (shown) this.flipped = shown;
     return true;
@@ -232,8 +360,15 @@ class Workbench {
       case 'toggleError': return this.toggle('error');
       case 'toggleDifference': return this.canSubtract && this.toggle('difference');
       case 'nextView': {
-        const modes = MODES.filter((entry) => entry.id !== 'difference' || this.canSubtract);
+        const modes = MODES.filter((entry) => !needsTwo(entry.id) || this.canSubtract);
         this.mode = modes[(modes.findIndex((entry) => entry.id === this.mode) + 1) % modes.length].id;
+        return true;
+      }
+      case 'toggleTruth': return this.canSubtract && this.toggle('truth');
+      case 'nextColours': {
+        const choices = [null, ...COLOUR_MAPS.map((entry) => entry.id)];
+        this.falseColour = choices[(choices.indexOf(this.falseColour) + 1) % choices.length];
+        this.mode = 'image';
         return true;
       }
       case 'onlyAbove': this.isOnlyAbove = !this.isOnlyAbove; this.mode = 'error'; return true;
@@ -243,7 +378,7 @@ class Workbench {
       case 'wipe': return this.lay('wipe');
       case 'sideBySide': return this.lay('side');
       case 'drawRegion': this.isDrawingRegion = !this.isDrawingRegion; return true;
-      case 'fit': this.isFitted = true; return true;
+      case 'fit': this.isFitted = true; this.wantedView = null; return true;
       case 'actualSize': this.setView(centred(this.image, this.port, 1)); return true;
       case 'zoomIn': this.zoomTo(steppedZoom(this.view.zoom, 1)); return true;
       case 'zoomOut': this.zoomTo(steppedZoom(this.view.zoom, -1)); return true;

@@ -50,6 +50,18 @@ export class PictureCanvas {
     });
   }
 
+  /** Takes a frame body that was made here, from a file. */
+  keep(body: ArrayBuffer): Promise<HeldFrame> {
+    return this.ask((job) => this.send({ kind: 'keep', job, body }, [body]));
+  }
+
+  /** What is shown, as PNG. */
+  async shoot(): Promise<Blob> {
+    // What was asked for is drawn first.
+    while (this.painting || this.wanted) await new Promise((resolve) => requestAnimationFrame(resolve));
+    return this.ask((job) => this.send({ kind: 'shoot', job }));
+  }
+
   agree(a: HeldFrame, b: HeldFrame): Promise<Agreement | null> {
     return this.ask((job) => this.send({ kind: 'agree', job, a: a.id, b: b.id }));
   }

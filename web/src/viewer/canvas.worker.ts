@@ -50,12 +50,35 @@ async function pull(job: number, address: string): Promise<void> {
     const [linkMilliseconds, bodyMilliseconds] = [ended - asked, ended - answered];
     const arrivedAt = performance.timeOrigin + performance.now();
     const frame = body && kept(body);
-    const transfer = frame ? [frame.halves.buffer, ...(frame.counts ? [frame.counts.buffer] : [])] : [];
+    const transfer = frame ? buffersOf(frame) : [];
     scope.postMessage({ kind: 'answer', job, value: { frame, linkMilliseconds, bodyMilliseconds, arrivedAt } }, transfer);
   } catch (cause) {
     scope.postMessage({ kind: 'refused', job, error: cause instanceof Error ? cause.message : String(cause) });
   } finally {
     underWay.delete(job);
+  }
+}
+
+const buffersOf = ({ halves, counts }: Frame): Transferable[] => [halves.buffer, ...(counts ? [counts.buffer] : [])];
+
+/** A picture that does not come from the service. */
+function keep(job: number, body: ArrayBuffer): void {
+  try {
+    const frame = kept(body);
+    scope.postMessage({ kind: 'answer', job, value: frame }, buffersOf(frame));
+  } catch (cause) {
+    scope.postMessage({ kind: 'refused', job, error: cause instanceof Error ? cause.message : String(cause) });
+  }
+}
+
+/** The view as it is painted, as PNG. */
+async function shoot(job: number): Promise<void> {
+  try {
+    if (!painter || !last) throw new Error('nothing is drawn yet');
+    painter.paint(last);
+    scope.postMessage({ kind: 'answer', job, value: await painter.shot(last) });
+  } catch (cause) {
+    scope.postMessage({ kind: 'refused', job, error: cause instanceof Error ? cause.message : String(cause) });
   }
 }
 
@@ -88,6 +111,9 @@ scope.onmessage = ({ data }) => {
     case 'pull':
       void pull(data.job, data.address);
       break;
+    case 'keep':
+      keep(data.job, data.body);
+      break;
     case 'abort':
       underWay.get(data.job)?.abort();
       break;
@@ -99,6 +125,9 @@ scope.onmessage = ({ data }) => {
       last = data.painting;
       painter?.paint(last);
       scope.postMessage({ kind: 'painted' });
+      break;
+    case 'shoot':
+      void shoot(data.job);
       break;
     case 'agree':
       scope.postMessage({ kind: 'answer', job: data.job, value: compare(data.a, data.b) });

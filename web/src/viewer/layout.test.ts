@@ -3,7 +3,7 @@ import { arrange, type Arrangement, otherView, portOf } from './layout';
 
 const given: Arrangement = {
   size: { width: 1001, height: 400 }, density: 1, layout: 'single', view: { zoom: 2, left: 10, top: 5 }, wipeAt: 0.25, flipped: 'a',
-  isDifference: false,
+  isJoint: false,
   a: { image: { width: 100, height: 50 }, frame: 1, target: 0.05, reduce: 2 },
   b: { image: { width: 200, height: 100 }, frame: 2, target: 0.01, reduce: 1 },
 }; // prettier-ignore
@@ -29,13 +29,13 @@ it('a picture of another size is shown over the same width', () => {
 
 it('a flip shows one, a difference waits for both', () => {
   expect(arrange({ ...given, layout: 'flip', flipped: 'b' }).map((pane) => pane.frame)).toEqual([2]);
-  expect(arrange({ ...given, isDifference: true })[0].other).toBe(2);
-  expect(arrange({ ...given, isDifference: true, b: { ...given.b, frame: null } })).toEqual([]);
+  expect(arrange({ ...given, isJoint: true })[0].other).toBe(2);
+  expect(arrange({ ...given, isJoint: true, b: { ...given.b, frame: null } })).toEqual([]);
 });
 
 it('two pictures are compared at one resolution, one alone is shown at its own', () => {
   for (const layout of ['wipe', 'side', 'flip'] as const)
     for (const pane of arrange({ ...given, layout, flipped: 'b' })) expect(pane.reduce).toBe(2);
-  expect(arrange({ ...given, isDifference: true, a: given.b, b: given.a })[0].reduce).toBe(2);
+  expect(arrange({ ...given, isJoint: true, a: given.b, b: given.a })[0].reduce).toBe(2);
   expect(arrange({ ...given, a: given.b, b: given.a })[0].reduce).toBe(1);
 });

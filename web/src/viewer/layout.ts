@@ -24,7 +24,8 @@ export interface Arrangement {
   view: View;
   wipeAt: number;
   flipped: 'a' | 'b';
-  isDifference: boolean;
+  /** One picture made of both: a difference, or a true error. */
+  isJoint: boolean;
   a: Shown;
   b: Shown;
 }
@@ -38,15 +39,15 @@ export function portOf(size: Size, layout: Layout | 'single', density: number): 
 /** The view that shows picture `b` at the same place and width as picture `a`. */
 export const otherView = (view: View, a: Size, b: Size): View => ({ ...view, zoom: (view.zoom * a.width) / b.width });
 
-export function arrange({ size, density, layout, view, wipeAt, flipped, isDifference, a, b }: Arrangement): Pane[] {
+export function arrange({ size, density, layout, view, wipeAt, flipped, isJoint, a, b }: Arrangement): Pane[] {
   const whole = { left: 0, top: 0, width: size.width, height: size.height };
   // Two pictures are compared at the resolution of the coarser one: a finer one beside it would show false outlines.
-  const reduce = layout === 'single' && !isDifference ? a.reduce : Math.max(a.reduce, b.reduce);
-  const first: Pane = { clip: whole, view, image: a.image, frame: a.frame, target: a.target, other: isDifference ? b.frame : null, reduce };
+  const reduce = layout === 'single' && !isJoint ? a.reduce : Math.max(a.reduce, b.reduce);
+  const first: Pane = { clip: whole, view, image: a.image, frame: a.frame, target: a.target, other: isJoint ? b.frame : null, reduce };
   const second: Pane = { ...first, view: otherView(view, a.image, b.image), image: b.image, frame: b.frame, target: b.target };
   switch (layout) {
     case 'single':
-      return isDifference && b.frame === null ? [] : [first];
+      return isJoint && b.frame === null ? [] : [first];
     case 'flip':
       return [flipped === 'a' ? first : second];
     case 'wipe': {

@@ -126,6 +126,7 @@ function linesIn(frame: Frame, mode: Mode, x: number, y: number): readonly (read
     case 'error':
       return [[reading.hasEstimate ? percent(reading.relative) : 'none', '#ffffff'], [radiance(reading.luminance), '#ffffff']];
     case 'difference':
+    case 'truth':
       return [[radiance(reading.luminance), '#ffffff']];
     case 'samples':
     case 'trust': {

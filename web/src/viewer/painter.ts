@@ -1,16 +1,16 @@
 /** Draws pictures with WebGL2. Holds textures by frame, no view state: everything that decides a picture comes with the call. */
 import type { Frame, FrameHeader } from '../frame/decode';
 import { atReduction } from '../frame/reduce';
-import { infernoTexels } from './inferno';
+import { type ColourMap, texelsOf } from './colourmaps';
 import { type Look, MODES, type Painting, type Pane, TONE_MAPS } from './scene';
 import { fragmentFor, type Variant, VERTEX } from './shaders';
 import type { Size } from './view';
 
 const UNIFORMS = [
   'frame', 'inferno', 'counts', 'other', 'viewportHeight', 'corner', 'zoom', 'reduction', 'gain', 'unscale', 'floorSquared',
-  'target', 'onlyAbove', 'density', 'hasCounts', 'replicateSize', 'samples', 'otherReduction', 'otherUnscale',
+  'target', 'onlyAbove', 'density', 'hasCounts', 'replicateSize', 'samples', 'otherReduction', 'otherUnscale', 'shades', 'range',
 ] as const; // prettier-ignore
-const UNITS = { frame: 0, inferno: 1, counts: 2, other: 3 } as const;
+const UNITS = { frame: 0, inferno: 1, counts: 2, other: 3, shades: 4 } as const;
 
 interface Held {
   header: FrameHeader;
@@ -33,6 +33,7 @@ export class Painter {
   private readonly gl: WebGL2RenderingContext;
   private readonly programs = new Map<string, Program>();
   private readonly held = new Map<number, Held>();
+  private readonly maps = new Map<ColourMap, WebGLTexture>();
   private readonly nothing: WebGLTexture;
 
   /** frameOf: a frame that is kept, once more. Throws where WebGL2 is missing or the program does not link. */
@@ -45,7 +46,7 @@ export class Painter {
     this.gl = gl;
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     texture(gl, UNITS.inferno, gl.LINEAR);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, infernoTexels());
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, texelsOf('inferno'));
     this.nothing = texture(gl, UNITS.counts, gl.NEAREST);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.R16UI, 1, 1, 0, gl.RED_INTEGER, gl.UNSIGNED_SHORT, new Uint16Array(1));
     this.warmUp();
@@ -115,9 +116,10 @@ export class Painter {
     const { scale, reduce, replicate_size } = frame.header;
     const footprint = 1 / (pane.view.zoom * reduce);
     const corner = { left: Math.round(pane.view.left), top: Math.round(pane.view.top) };
+    const shade = look.mode === 'image' ? look.shade : null;
     const { program, at } = this.programFor({
       mode: MODES.findIndex((entry) => entry.id === look.mode),
-      tone: TONE_MAPS.findIndex((entry) => entry.id === look.tone),
+      tone: shade ? (shade.map ? 4 : 3) + (shade.isLog ? 2 : 0) : TONE_MAPS.findIndex((entry) => entry.id === look.tone),
       taps: Math.min(Math.max(Math.ceil(footprint - 0.01), 1), MOST_TAPS),
     });
     gl.useProgram(program);
@@ -125,6 +127,10 @@ export class Painter {
     gl.uniform1f(at.viewportHeight, canvasHeight);
     gl.uniform1f(at.density, density);
     gl.uniform1i(at.onlyAbove, look.onlyAbove ? 1 : 0);
+    if (shade) {
+      gl.uniform2f(at.range, shade.range[0], shade.range[1]);
+      if (shade.map) this.bind(UNITS.shades, this.mapOf(shade.map));
+    }
     gl.uniform2f(at.samples, look.samples[0], look.samples[1]);
     this.bind(UNITS.frame, frame.picture);
     this.bind(UNITS.counts, frame.counts ?? this.nothing);
@@ -134,7 +140,7 @@ export class Painter {
     gl.uniform1f(at.reduction, reduce);
     gl.uniform1f(at.gain, 2 ** look.exposure / scale);
     gl.uniform1f(at.unscale, 1 / scale);
-    gl.uniform1f(at.floorSquared, (0.1 * frame.meanLuminance * scale) ** 2);
+    gl.uniform1f(at.floorSquared, look.mode === 'truth' ? (0.1 * other.meanLuminance) ** 2 : (0.1 * frame.meanLuminance * scale) ** 2);
     gl.uniform1f(at.target, pane.target);
     gl.uniform1i(at.hasCounts, frame.counts ? 1 : 0);
     gl.uniform1f(at.replicateSize, replicate_size);
@@ -174,6 +180,40 @@ export class Painter {
     return made;
   }
 
+  private mapOf(map: ColourMap): WebGLTexture {
+    let made = this.maps.get(map);
+    if (!made) {
+      const { gl } = this;
+      made = texture(gl, UNITS.shades, gl.LINEAR);
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, texelsOf(map));
+      this.maps.set(map, made);
+    }
+    return made;
+  }
+
+  /** What was just painted, cut to the pictures: call it before the next turn of the worker's loop, when the canvas is cleared. */
+  async shot({ port, panes }: Painting): Promise<Blob> {
+    const { gl } = this;
+    const edges = panes.map(({ clip, view, image }) => ({
+      left: Math.max(clip.left, view.left, 0),
+      top: Math.max(clip.top, view.top, 0),
+      right: Math.min(clip.left + clip.width, view.left + image.width * view.zoom, port.width),
+      bottom: Math.min(clip.top + clip.height, view.top + image.height * view.zoom, port.height),
+    }));
+    const left = Math.round(Math.min(...edges.map((edge) => edge.left)));
+    const top = Math.round(Math.min(...edges.map((edge) => edge.top)));
+    const width = Math.round(Math.max(...edges.map((edge) => edge.right))) - left;
+    const height = Math.round(Math.max(...edges.map((edge) => edge.bottom))) - top;
+    if (!(width > 0 && height > 0)) throw new Error('no part of the picture is in sight');
+    const pixels = new Uint8Array(4 * width * height);
+    gl.readPixels(left, this.canvas.height - top - height, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    const upright = new ImageData(width, height);
+    for (let row = 0; row < height; row++) upright.data.set(pixels.subarray(4 * width * (height - 1 - row), 4 * width * (height - row)), 4 * width * row);
+    const canvas = new OffscreenCanvas(width, height);
+    canvas.getContext('2d')!.putImageData(upright, 0, 0);
+    return canvas.convertToBlob({ type: 'image/png' });
+  }
+
   private bind(unit: number, held: WebGLTexture): void {
     this.gl.activeTexture(this.gl.TEXTURE0 + unit);
     this.gl.bindTexture(this.gl.TEXTURE_2D, held);
@@ -187,7 +227,7 @@ export class Painter {
     const size = { width: 1, height: 1 };
     const view = { zoom: 1, left: 0, top: 0 };
     const pane = { clip: { left: 0, top: 0, ...size }, view, image: size, frame: -1, other: null, target: 1, reduce: 1 };
-    const look = { mode: 'image', tone: 'srgb', exposure: 0, onlyAbove: false, samples: [1, 2], well: [0, 0, 0] } as const;
+    const look = { mode: 'image', tone: 'srgb', exposure: 0, onlyAbove: false, shade: null, samples: [1, 2], well: [0, 0, 0] } as const;
     this.paint({ port: size, density: 1, panes: [pane], look });
     this.drop(-1);
   }

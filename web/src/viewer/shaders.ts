@@ -18,8 +18,8 @@ export interface Variant {
 }
 
 export const fragmentFor = ({ mode, tone, taps }: Variant): string => `#version 300 es
-#define MODE ${mode}  // 0 image, 1 error, 2 samples, 3 trust, 4 difference
-#define TONE ${tone}  // 0 sRGB clip, 1 filmic, 2 Reinhard
+#define MODE ${mode}  // 0 image, 1 error, 2 samples, 3 trust, 4 difference, 5 true error
+#define TONE ${tone}  // 0 sRGB clip, 1 filmic, 2 Reinhard; 3 to 6 shades: channels as grey, a map, either by logarithm
 #define TAPS ${taps}
 precision highp float;
 precision highp int;
@@ -29,6 +29,8 @@ uniform usampler2D frame;      // R, G, B, SE of luminance as half patterns
 uniform usampler2D counts;     // replicates as half patterns, negative where not trusted
 uniform usampler2D other;      // as frame: what a difference subtracts
 uniform sampler2D inferno;
+uniform sampler2D shades;      // colour map of a shade
+uniform vec2 range;            // of a shade
 uniform float viewportHeight;  // device pixels
 uniform vec2 corner;           // image's top left corner in the viewport
 uniform float zoom;            // device pixels per image pixel
@@ -37,7 +39,7 @@ uniform float gain;            // 2^exposure / frame scale
 uniform float unscale;         // 1 / frame scale
 uniform float otherReduction;
 uniform float otherUnscale;
-uniform float floorSquared;    // (0.1 mean luminance * scale)^2
+uniform float floorSquared;    // (0.1 mean luminance * scale)^2, of the truth where there is one
 uniform float target;
 uniform bool hasCounts;
 uniform float replicateSize;   // samples per replicate
@@ -66,6 +68,26 @@ Texel texelOf(uvec4 bits) {
 vec3 encode(vec3 c) {
   c = clamp(c, 0.0, 1.0);
   return mix(12.92 * c, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, step(vec3(0.0031308), c));
+}
+
+// A shade is of the numbers themselves: no exposure, no gamma.
+vec3 shaded(vec3 values) {
+#if TONE == 3 || TONE == 5
+  vec3 v = values;
+#else
+  vec3 v = vec3(dot(values, LUMA));
+#endif
+#if TONE >= 5
+  vec3 t = log(max(v, 1e-30) / range.x) / log(range.y / range.x);
+#else
+  vec3 t = (v - range.x) / (range.y - range.x);
+#endif
+  t = clamp(t, 0.0, 1.0);
+#if TONE == 3 || TONE == 5
+  return t;
+#else
+  return texture(shades, vec2(t.x * (255.0 / 256.0) + 0.5 / 256.0, 0.5)).rgb;
+#endif
 }
 
 vec3 toned(vec3 radiance) {
@@ -103,6 +125,14 @@ vec3 differenceColour(Texel a, Texel b) {
   float z = spread > 0.0 ? gap / spread : (gap == 0.0 ? 0.0 : sign(gap) * 1e3);
   float t = clamp(abs(z) / ${DIFFERENCE_RANGE}.0, 0.0, 1.0);
   return mix(vec3(0.16), z < 0.0 ? vec3(0.30, 0.62, 1.0) : vec3(1.0, 0.60, 0.16), t);
+}
+
+// |A - B| / B, on the colours of the estimated error: B is the truth.
+vec3 truthColour(Texel a, Texel b) {
+  float gap = abs(dot(a.radiance, LUMA) * unscale - dot(b.radiance, LUMA) * otherUnscale);
+  float y = dot(b.radiance, LUMA) * otherUnscale;
+  float at = 0.5 + 0.5 * log(max(gap / sqrt(y * y + floorSquared), 1e-12) / target) / log(10.0);
+  return texture(inferno, vec2(clamp(at, 0.0, 1.0) * (255.0 / 256.0) + 0.5 / 256.0, 0.5)).rgb;
 }
 
 ivec2 inside(vec2 at, ivec2 size) { return clamp(ivec2(floor(at)), ivec2(0), size - 1); }
@@ -146,13 +176,21 @@ void main() {
       vec2 there = (at + offset * reduction) / otherReduction;
       Texel against = texelOf(texelFetch(other, inside(there, textureSize(other, 0)), 0));
       if (texel.known && against.known) { known += 1.0; colour += differenceColour(texel, against); }
+#elif MODE == 5
+      vec2 there = (at + offset * reduction) / otherReduction;
+      Texel truth = texelOf(texelFetch(other, inside(there, textureSize(other, 0)), 0));
+      if (truth.valid) { known += 1.0; colour += truthColour(texel, truth); }
 #endif
     }
   }
   const float total = float(TAPS * TAPS);
   vec3 shown;
 #if MODE == 0
+#if TONE >= 3
+  shown = shaded(radiance * unscale / total);
+#else
   shown = toned(radiance * gain / total);
+#endif
 #else
   vec3 hatch = mix(vec3(0.18), vec3(0.32), stripes(screen, 8.0));
 #if MODE == 3
