@@ -77,7 +77,7 @@ def test_layers_are_chosen_when_a_render_is_submitted(page: Page, service: Servi
         dialog.get_by_role("button", name="Start render").click()
     assert set(json.loads(sent.value.post_data or "")["settings"]["channels"]) == {"depth", "normal"}
     expect(page.get_by_role("combobox", name="Layer")).to_be_visible()
-    service.cancel(page.evaluate("location.hash.match(/jobs.([^?]+)/)[1]"))
+    service.wait_ended(page.evaluate("location.hash.match(/jobs.([^?]+)/)[1]"))
 
 
 def test_false_colours_keep_to_a_range_by_hand_and_the_view_is_saved(
@@ -148,7 +148,7 @@ def test_a_region_tells_each_channel_with_its_interval(
     shown, half = (float(n) for n in card.locator("[data-part=mean]").first.inner_text().split("±"))
     assert shown == pytest.approx(channels["R"][inside].mean(), abs=half)
     error = np.sqrt((channels["stderr.R"][inside] ** 2).sum()) / (width * height)
-    assert 1.9 * error < half < 2.2 * error
+    assert 1.8 * error < half < 2.3 * error  # half is told with two digits
     expect(card).to_contain_text("have a trusted interval")
     expect(card.get_by_role("img", name=re.compile("Histogram of R, G and B"))).to_be_visible()
 
@@ -162,7 +162,7 @@ def test_where_pixels_share_samples_a_region_tells_a_bound(page: Page, service: 
         body = {"scene": {"id": sent.json()["id"]}, "target": {"spp": 64}, "settings": {"seed": seed}}
         ids.append(httpx.post(f"{service.url}/api/jobs", json=body, timeout=60).json()["id"])
         assert service.wait_ended(ids[-1])["state"] == "succeeded"
-    open_job(page, service, f"{ids[0]}?with={ids[1]}&region=4,4,16,16")
+    open_job(page, service, f"{ids[0]}?with={ids[1]}&region=18,4,10,8")
     card = page.get_by_role("region", name=REGION)
     expect(card).to_contain_text("± at most")
     expect(card.locator("[data-part=bound]")).to_contain_text("share samples")
