@@ -242,7 +242,7 @@ def test_an_uploaded_scene_has_its_lesson_too(page: Page, service: Service) -> N
     answer = httpx.post(f"{service.url}/api/scenes", files={"file": ("mine.xml", OWN_SCENE.encode())}, timeout=120)
     scene = answer.json()["id"]
     main = open_chapter(page, service, "pixel", at=f"#/learn/{scene}?x=16&y=12&chapter={{}}")
-    expect(main.get_by_label("Scene", exact=True)).to_have_value(scene, timeout=60_000)
+    expect(main.get_by_role("combobox", name="Scene")).to_have_value(scene, timeout=60_000)
     expect(main).to_contain_text("diffuse reflection", timeout=60_000)
     expect(main).to_contain_text("Of your uploads")
     page.wait_for_function("document.querySelector('.picture img').naturalWidth > 0", timeout=60_000)
