@@ -85,7 +85,8 @@ def test_again_and_continue_ask_for_all_that_was_asked_for(page: Page, service: 
     open_job(page, service, job_id)
     page.get_by_role("button", name="Again…").click()
     dialog = page.get_by_role("dialog", name="New render")
-    expect(dialog).to_contain_text("channels albedo, depth")
+    for name, is_asked in (("Albedo", True), ("Depth", True), ("Normal", False)):
+        expect(dialog.get_by_role("checkbox", name=name)).to_be_checked(checked=is_asked)
     expect(dialog).to_contain_text("99 % sure".replace(" %", "\u202f%"))
     with page.expect_request(lambda request: request.method == "POST") as sent:
         dialog.get_by_role("button", name="Start render").click()
