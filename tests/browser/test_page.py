@@ -138,7 +138,7 @@ def test_a_refused_file_is_told_beside_the_drop_zone(page: Page, service: Servic
         "mimeType": "text/xml",
         "buffer": b"<scene version='3.0.0'><shape type='nonsense'/></scene>",
     }
-    page.locator("input[type=file]").set_input_files([file])  # type: ignore[list-item]
+    page.get_by_role("dialog", name="New render").get_by_label("Scene file").set_input_files([file])  # type: ignore[list-item]
     alert = page.get_by_role("group", name="Scene").get_by_role("alert")
     expect(alert).to_contain_text("evil.xml was refused", timeout=30_000)
     expect(alert).to_contain_text("nonsense")
