@@ -37,6 +37,8 @@ def test_nothing_overlaps_or_sticks_out(
     if width >= 1100:
         assert page.evaluate("document.querySelector('.toolbar').offsetHeight") < 60, "the toolbar has wrapped"
         assert page.evaluate("document.documentElement.scrollHeight") <= height
+        page.add_style_tag(content="#rail ul { min-height: 1500px }")
+        assert page.evaluate("document.documentElement.scrollHeight") <= height, "a long list scrolls within the rail"
     page.keyboard.press("Shift+N")
     dialog = page.locator("dialog[open]")
     box = dialog.bounding_box()
