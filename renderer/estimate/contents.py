@@ -15,7 +15,7 @@ from renderer.errors import SettingsError
 from renderer.estimate import interval
 from renderer.estimate.blocks import Held
 from renderer.estimate.correlation import Correlation
-from renderer.estimate.error import Missing
+from renderer.estimate.error import ImageError, Missing, image_error
 from renderer.estimate.forecast import Curve
 from renderer.estimate.health import Health, Known, examine
 from renderer.estimate.moments import Moments
@@ -150,6 +150,11 @@ class Contents:
         trusted = interval.trust(self.moments, self.width, self.identity.correlation)
         doubted = self.missing.doubted
         return self._shaped(trusted if doubted is None else trusted & ~doubted)
+
+    @cached_property
+    def image_error(self) -> ImageError:
+        """The error of the whole picture, with the bound that holds with 95 %, or why it is not known."""
+        return image_error(self.moments, self.width, missing=self.missing, correlation=self.identity.correlation)
 
     @cached_property
     def missing(self) -> Missing:

@@ -6,7 +6,6 @@ from base64 import b64encode
 from html import escape
 
 from renderer.estimate.contents import Contents
-from renderer.estimate.error import image_error
 from renderer.image.png import encode_png
 
 LONGEST_SIDE = 1024  # pixels of the picture in a card: notebooks keep them
@@ -24,9 +23,7 @@ def png(estimate: Contents) -> bytes:
 
 def error_sentence(estimate: Contents) -> str:
     """The error of the whole picture with the bound that holds with 95 %, or why it is not known."""
-    found = image_error(
-        estimate.moments, estimate.width, missing=estimate.missing, correlation=estimate.identity.correlation
-    )
+    found = estimate.image_error
     if found.error is None:
         return found.unknown or "not known"
     said = f"{100 * found.error:.3g} %"

@@ -28,7 +28,6 @@ from renderer.backend import versions
 from renderer.errors import CheckpointError
 from renderer.estimate.blocks import Held
 from renderer.estimate.contents import Contents, Identity
-from renderer.estimate.error import image_error
 from renderer.estimate.forecast import Curve
 from renderer.estimate.moments import Moments
 from renderer.image.blocks import Part, parts_of, read_blocks
@@ -251,7 +250,7 @@ def _exact_array(estimate: Contents) -> NDArray[np.uint32]:
 
 
 def _metadata(estimate: Contents, extra: dict[str, Any]) -> dict[str, Any]:
-    found = image_error(estimate.moments, estimate.width, missing=estimate.missing)
+    found = estimate.image_error
     error = found.error
     values: dict[str, Any] = {
         "format": WITH_STOKES

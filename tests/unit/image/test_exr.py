@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import renderer
 from renderer.errors import CheckpointError
+from renderer.estimate.correlation import Correlation
 from renderer.estimate.error import image_error
 from renderer.estimate.estimate import Estimate, Identity
 from renderer.estimate.moments import STOKES, Moments
@@ -205,6 +206,21 @@ def test_metadata_say_what_it_is_how_it_was_made_and_how_good_it_is(tmp_path: Pa
     assert int(get("invalid")) == written.invalid.sum() > 0
     assert set(json.loads(get("versions"))) >= {"fredholm", "mitsuba", "drjit", "numpy"}
     assert (get("stopped_by"), get("threads"), json.loads(get("hosts"))) == ("spp", 2, ["a", "b"])
+
+
+def test_the_bound_in_the_file_knows_that_pixels_share_samples(tmp_path: Path) -> None:
+    """The one that the run has said: it is wider where neighbours have samples in common."""
+    alone = estimate()
+    settings = alone.identity.settings | {"correlation": [2, 6.0, 2.0]}
+    shared = replace(alone, identity=replace(alone.identity, settings=settings))
+    bounds = []
+    for written in (alone, shared):
+        written.write(tmp_path / "a.exr")
+        bounds.append(read_part(tmp_path / "a.exr")[0].getattribute("fredholm:error_upper"))
+    assert bounds[1] == pytest.approx(
+        image_error(shared.moments, shared.width, correlation=Correlation(2, 6.0, 2.0)).upper
+    )
+    assert bounds[1] != pytest.approx(bounds[0])
 
 
 def test_an_error_that_is_not_known_is_not_in_the_metadata(tmp_path: Path) -> None:
