@@ -193,11 +193,17 @@ def test_a_stream_ends_when_its_key_is_revoked(keyed: tuple[Server, dict[str, st
 
 
 def test_queued_jobs_of_one_client_have_a_limit(keyed: tuple[Server, dict[str, str]]) -> None:
-    made = [ask(keyed, "bob", "POST", "/api/jobs", json=BOX | {"target": LONG}) for _ in range(6)]
+    def state(who: str, job_id: str) -> str:
+        return ask(keyed, who, "GET", f"/api/jobs/{job_id}").json()["state"]
+
+    made = [ask(keyed, "bob", "POST", "/api/jobs", json=BOX | {"target": LONG})]
+    # Once it has the one slot, all others wait and nothing about them changes by itself.
+    wait_for(lambda: state("bob", made[0].json()["id"]) == "running", 60, "the first job in its slot")
+    made += [ask(keyed, "bob", "POST", "/api/jobs", json=BOX | {"target": LONG}) for _ in range(5)]
     assert {answer.status_code for answer in made} == {201, 429}
     assert "the limit of one client" in made[-1].json()["detail"]
     # Nor can it be passed by: a paused job does not wait, and must find room when it is resumed.
-    waiting = next(answer.json()["id"] for answer in made if answer.json().get("queue_position"))
+    waiting = made[1].json()["id"]
     assert ask(keyed, "bob", "POST", f"/api/jobs/{waiting}/pause").json()["state"] == "paused"
     made.append(ask(keyed, "bob", "POST", "/api/jobs", json=BOX | {"target": LONG}))
     assert made[-1].status_code == 201
@@ -206,10 +212,7 @@ def test_queued_jobs_of_one_client_have_a_limit(keyed: tuple[Server, dict[str, s
     assert other.status_code == 201
 
     # The one slot is bob's, and a client without a running job need not wait for it.
-    def is_done() -> bool:
-        return ask(keyed, "submit", "GET", f"/api/jobs/{other.json()['id']}").json()["state"] == "succeeded"
-
-    wait_for(is_done, 30, "the other client's job")
+    wait_for(lambda: state("submit", other.json()["id"]) == "succeeded", 60, "the other client's job")
     for answer in made:
         if answer.status_code == 201:
             ask(keyed, "bob", "POST", f"/api/jobs/{answer.json()['id']}/cancel")
