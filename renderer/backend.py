@@ -91,6 +91,22 @@ def _limit_threads() -> None:
     dr.set_thread_count(int(asked))
 
 
+@contextmanager
+def reading_files() -> Iterator[None]:
+    """While Mitsuba reads a scene's files: its reader of EXR has other threads read, and waits for ever without any."""
+    import drjit as dr
+
+    n = dr.thread_count()
+    if n > 1:
+        yield
+        return
+    dr.set_thread_count(2)
+    try:
+        yield
+    finally:
+        dr.set_thread_count(n)
+
+
 def _share_passes() -> None:
     """Splits kernels among processors in small blocks of lanes.
 

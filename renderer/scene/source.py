@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from renderer.backend import mitsuba, mitsuba_folder
+from renderer.backend import mitsuba, mitsuba_folder, reading_files
 from renderer.errors import SceneError
 from renderer.scene import gallery
 from renderer.scene.assets import Assets, is_file, look
@@ -255,7 +255,7 @@ def _instantiate(parsed: Parsed, state: Any, merges_meshes: bool = True) -> Any:
     mi = mitsuba()
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_meshes = merges_meshes
-    with _file_resolver(parsed.folders):
+    with _file_resolver(parsed.folders), reading_files():
         guarded(lambda: mi.parser.transform_all(config, state), parsed.name, parsed.folders)
         made = guarded(lambda: mi.parser.instantiate(config, state), parsed.name, parsed.folders)
     return made[0] if isinstance(made, (list, tuple)) else made

@@ -83,9 +83,7 @@ def test_a_killed_worker_loses_its_passes_alone(cluster: Cluster, service: Serve
     before = figures(service)
     job = service.submit({"spp": 8192}, settings)
     # In the middle of its work: it has rendered some, and holds some.
-    wait_for(
-        lambda: figures(service)["two"] > before["two"], 120, "worker two renders", cluster.workers["two"].said
-    )
+    wait_for(lambda: figures(service)["two"] > before["two"], 120, "worker two renders", cluster.workers["two"].said)
     assert service.job(job["id"])["state"] == "running"
     of_two = cluster.render_pids("two")[-1]
     cluster.workers["two"].kill()

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import OpenImageIO as oiio
 import pytest
 
 from renderer.backend import OLDEST_LLVM, find_llvm, versions
@@ -16,11 +17,17 @@ ROOT = Path(__file__).resolve().parents[2]
 OLD_LLVM = "/usr/lib/*/libLLVM-1[56].so*"
 
 
-def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+def run(code: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """Python code in a process of its own, with none of this one's choice of backend."""
     inherited = {k: v for k, v in os.environ.items() if not k.startswith(("DRJIT_", "FREDHOLM_"))}
     return subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env=inherited | environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code, *arguments],
+        cwd=ROOT,
+        env=inherited | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
     )
 
 
@@ -59,6 +66,24 @@ def test_kernels_run_on_as_many_threads_as_asked_for() -> None:
     assert run(code, FREDHOLM_THREADS="3").stdout.split() == ["3"]
     for bad in ("0", "many", "-2", "1e3", ""):
         assert f"FREDHOLM_THREADS is {bad!r}; give a number from 1 on" in run(code, FREDHOLM_THREADS=bad).stdout
+
+
+def test_an_exr_map_loads_where_kernels_have_one_thread(tmp_path: Path) -> None:
+    # Mitsuba's reader of EXR hands rows to other threads and waits for them, for ever where there are none.
+    sky = oiio.ImageBuf(oiio.ImageSpec(16, 8, 3, oiio.FLOAT))
+    oiio.ImageBufAlgo.fill(sky, (0.5, 0.5, 0.5))
+    assert sky.write(str(tmp_path / "sky.exr"))
+    (tmp_path / "scene.xml").write_text(
+        """<scene version="3.0.0"><emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>
+        <sensor type="perspective"/></scene>"""
+    )
+    code = (
+        "import sys, renderer, drjit as dr\n"
+        "image = renderer.render(sys.argv[1], renderer.Target(spp=16), renderer.Settings(width=4, height=4)).mean\n"
+        "print(dr.thread_count(), image.min() > 0.4)"
+    )
+    done = run(code, str(tmp_path / "scene.xml"), FREDHOLM_THREADS="1")
+    assert done.stdout.split() == ["1", "True"], done.stderr
 
 
 def test_the_libllvm_that_is_found_is_a_file() -> None:
