@@ -17,32 +17,27 @@ from renderer.measure.table import recommendations, settings_table
 from renderer.scene.parameters import Source, with_parameters
 from renderer.settings import Settings
 from service.command.arguments import parse_camera, sides
+from service.command.options import CameraParts, Defines, MaxDepth, SceneName, Sensor, Side, Size
 
 TABLE_WIDTH = 132  # where the output is no terminal
 
 
 def measure_command(
-    scene: Annotated[str, typer.Argument(help="A Mitsuba .xml, .zip or .json, or a gallery name.")],
+    scene: SceneName,
     techniques: Annotated[bool, typer.Option("--techniques", help="Compare techniques only.")] = False,
     model: Annotated[bool, typer.Option("--model", help="What each thing that the kernel leaves out saves.")] = False,
     seconds: Annotated[float, typer.Option(help="Render time of each setting.")] = DEFAULT_SECONDS,
     reference: Annotated[Path | None, typer.Option(help="Converged EXR: measure true errors as well.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write everything to this JSON file.")] = None,
     chart: Annotated[Path | None, typer.Option(help="Draw error over time to this SVG file.")] = None,
-    size: Annotated[str | None, typer.Option(help="WIDTHxHEIGHT in pixels; the scene's own by default.")] = None,
-    width: Annotated[int | None, typer.Option(help="In pixels; alone it keeps the proportions.")] = None,
-    height: Annotated[int | None, typer.Option(help="In pixels; alone it keeps the proportions.")] = None,
-    sensor: Annotated[str | None, typer.Option(help="Which of the scene's, by name or by number from 0.")] = None,
-    camera: Annotated[
-        list[str] | None,
-        typer.Option(help="origin=X,Y,Z target=X,Y,Z up=X,Y,Z fov=DEGREES, any of them, instead of the scene's."),
-    ] = None,
+    size: Size = None,
+    width: Side = None,
+    height: Side = None,
+    sensor: Sensor = None,
+    camera: CameraParts = None,
     seed: Annotated[int, typer.Option(help="Of the random numbers.")] = 0,
-    max_depth: Annotated[int | None, typer.Option(help="Path depth as in Mitsuba; -1 is unlimited.")] = None,
-    define: Annotated[
-        list[str] | None,
-        typer.Option("-D", metavar="NAME=VALUE", help="A value for a <default> of the scene; may be given again."),
-    ] = None,
+    max_depth: MaxDepth = None,
+    define: Defines = None,
 ) -> None:
     """Measure what settings give for their time: error over time, variance × time, and which to choose.
 

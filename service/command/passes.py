@@ -15,51 +15,51 @@ from renderer.scene.rewrite import passes
 from renderer.settings import DEFAULT_REPLICATE_SIZE, Settings
 from service.command.arguments import check_is_exr, limit_threads, names, parse_camera, parse_range, parse_region, sides
 from service.command.console import EXIT_INTERRUPTED, Stop, progress_bar, say, say_seconds, title
+from service.command.options import (
+    AsJson,
+    CameraParts,
+    Channels,
+    Colour,
+    Defines,
+    Guide,
+    IndependentPixels,
+    MaxDepth,
+    SceneName,
+    Sensor,
+    Side,
+    Size,
+    Technique,
+    Threads,
+    Without,
+)
 
 
 def render_part(
-    scene: Annotated[str, typer.Argument(help="A Mitsuba .xml, .zip or .json, or a gallery name.")],
+    scene: SceneName,
     replicates: Annotated[str, typer.Option(help="FIRST:END, counted from 0; END is the first not rendered.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="EXR to write, to be merged.")] = Path("part.exr"),
     region: Annotated[
         str | None, typer.Option(help="x,y,width,height, or an image as a mask: render these pixels alone.")
     ] = None,
-    size: Annotated[str | None, typer.Option(help="WIDTHxHEIGHT in pixels; the scene's own by default.")] = None,
-    width: Annotated[int | None, typer.Option(help="In pixels; alone it keeps the proportions.")] = None,
-    height: Annotated[int | None, typer.Option(help="In pixels; alone it keeps the proportions.")] = None,
-    sensor: Annotated[str | None, typer.Option(help="Which of the scene's, by name or by number from 0.")] = None,
-    camera: Annotated[
-        list[str] | None,
-        typer.Option(help="origin=X,Y,Z target=X,Y,Z up=X,Y,Z fov=DEGREES, any of them, instead of the scene's."),
-    ] = None,
+    size: Size = None,
+    width: Side = None,
+    height: Side = None,
+    sensor: Sensor = None,
+    camera: CameraParts = None,
     seed: Annotated[int, typer.Option(help="The same for all parts of one image.")] = 0,
-    max_depth: Annotated[int | None, typer.Option(help="Path depth as in Mitsuba; -1 is unlimited.")] = None,
-    technique: Annotated[str, typer.Option(help="mis, bsdf, emitter, cosine or uniform.")] = "mis",
+    max_depth: MaxDepth = None,
+    technique: Technique = "mis",
     replicate_size: Annotated[
         int, typer.Option(help="Samples in one replicate, a power of two up to 64; the same for all parts.")
     ] = DEFAULT_REPLICATE_SIZE,
-    independent_pixels: Annotated[
-        bool,
-        typer.Option("--independent-pixels", help="Give each sample to one pixel: white noise, but more of it."),
-    ] = False,
-    guide: Annotated[
-        str, typer.Option(help="on: learn first where light comes from, for light that arrives by bounces; or off.")
-    ] = "off",
-    colour: Annotated[str, typer.Option(help="mono, rgb or spectral; auto takes the leanest that fits.")] = "auto",
-    channels: Annotated[
-        str, typer.Option(help="Also write these, for example albedo,normal,depth,position; stokes polarises.")
-    ] = "",
-    without: Annotated[
-        str, typer.Option(help="Rewrites of the scene to leave out, for comparison: similarity, flat faces, …")
-    ] = "",
-    threads: Annotated[
-        int | None, typer.Option(min=1, max=9999, help="Of the processor; all by default.", envvar="FREDHOLM_THREADS")
-    ] = None,
-    define: Annotated[
-        list[str] | None,
-        typer.Option("-D", metavar="NAME=VALUE", help="A value for a <default> of the scene; may be given again."),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one last line of JSON.")] = False,
+    independent_pixels: IndependentPixels = False,
+    guide: Guide = "off",
+    colour: Colour = "auto",
+    channels: Channels = "",
+    without: Without = "",
+    threads: Threads = None,
+    define: Defines = None,
+    as_json: AsJson = False,
 ) -> None:
     """Render a range of replicates, as a part of an image that several machines render; no service is needed.
 

@@ -25,6 +25,22 @@ from service.command.arguments import (
     sides,
 )
 from service.command.console import EXIT_INTERRUPTED, Stop, progress_bar, title
+from service.command.options import (
+    AsJson,
+    CameraParts,
+    Channels,
+    Colour,
+    Defines,
+    Guide,
+    IndependentPixels,
+    MaxDepth,
+    SceneName,
+    Side,
+    Size,
+    Technique,
+    Threads,
+    Without,
+)
 from service.command.output import output_files
 from service.command.rendering import Rendering, report, summarise
 from service.command.several import refuse_for_several, render_series
@@ -33,7 +49,7 @@ DEFAULT_ERROR = 0.05
 
 
 def render(
-    scene: Annotated[str, typer.Argument(help="A Mitsuba .xml, .zip or .json, or a gallery name.")],
+    scene: SceneName,
     output: Annotated[Path, typer.Option("-o", "--output", help="EXR to write, to be opened and measured.")] = Path(
         "out.exr"
     ),
@@ -46,19 +62,16 @@ def render(
     spp: Annotated[int | None, typer.Option(help="Stop at this many samples per pixel.")] = None,
     error: Annotated[str | None, typer.Option(help="Stop at this relative error, for example 2% or 0.02.")] = None,
     time_limit: Annotated[str | None, typer.Option("--time", help="Stop after this time: 30s, 1m30s, 2h.")] = None,
-    size: Annotated[str | None, typer.Option(help="WIDTHxHEIGHT in pixels; the scene's own by default.")] = None,
-    width: Annotated[int | None, typer.Option(help="In pixels; alone it keeps the proportions.")] = None,
-    height: Annotated[int | None, typer.Option(help="In pixels; alone it keeps the proportions.")] = None,
+    size: Size = None,
+    width: Side = None,
+    height: Side = None,
     sensor: Annotated[
         str | None, typer.Option(help="Which of the scene's, by name or by number from 0; all: one picture of each.")
     ] = None,
-    camera: Annotated[
-        list[str] | None,
-        typer.Option(help="origin=X,Y,Z target=X,Y,Z up=X,Y,Z fov=DEGREES, any of them, instead of the scene's."),
-    ] = None,
+    camera: CameraParts = None,
     seed: Annotated[int, typer.Option(help="Equal seeds give equal images, bit for bit.")] = 0,
-    max_depth: Annotated[int | None, typer.Option(help="Path depth as in Mitsuba; -1 is unlimited.")] = None,
-    technique: Annotated[str, typer.Option(help="mis, bsdf, emitter, cosine or uniform.")] = "mis",
+    max_depth: MaxDepth = None,
+    technique: Technique = "mis",
     replicate_size: Annotated[int | None, typer.Option(help="Samples in one replicate, a power of two.")] = None,
     confidence: Annotated[
         str | None, typer.Option(help="How sure to be that the error is below the one asked for: 95% by default.")
@@ -72,38 +85,24 @@ def render(
     adaptive: Annotated[
         bool, typer.Option("--adaptive/--uniform", help="More samples where they lower the error most, or all alike.")
     ] = True,
-    independent_pixels: Annotated[
-        bool,
-        typer.Option("--independent-pixels", help="Give each sample to one pixel: white noise, but more of it."),
-    ] = False,
-    guide: Annotated[
-        str, typer.Option(help="on: learn first where light comes from, for light that arrives by bounces; or off.")
-    ] = "off",
-    colour: Annotated[str, typer.Option(help="mono, rgb or spectral; auto takes the leanest that fits.")] = "auto",
-    channels: Annotated[
-        str, typer.Option(help="Also write these, for example albedo,normal,depth,position; stokes polarises.")
-    ] = "",
-    without: Annotated[
-        str, typer.Option(help="Rewrites of the scene to leave out, for comparison: similarity, flat faces, …")
-    ] = "",
+    independent_pixels: IndependentPixels = False,
+    guide: Guide = "off",
+    colour: Colour = "auto",
+    channels: Channels = "",
+    without: Without = "",
     resume: Annotated[
         Path | None,
         typer.Option(help="Go on from this checkpoint, or from the one beside this picture (same scene and settings)."),
     ] = None,
-    threads: Annotated[
-        int | None, typer.Option(min=1, max=9999, help="Of the processor; all by default.", envvar="FREDHOLM_THREADS")
-    ] = None,
-    define: Annotated[
-        list[str] | None,
-        typer.Option("-D", metavar="NAME=VALUE", help="A value for a <default> of the scene; may be given again."),
-    ] = None,
+    threads: Threads = None,
+    define: Defines = None,
     sweep: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=V1,V2,…", help="One picture for each value of a <default>; several combine. Or V1;V2;…"
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one last line of JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Render a scene until the first of the given limits; 5 % error where none is given.
 

@@ -14,6 +14,7 @@ from renderer.replay import differences, replay, settings_of
 from renderer.scene.compile import load_scene
 from renderer.scene.parameters import with_parameters
 from service.command.console import err, say
+from service.command.options import Defines
 
 
 def replay_pixel(
@@ -21,10 +22,7 @@ def replay_pixel(
     source: Annotated[Path, typer.Argument(help="EXR that `fredholm render` wrote.")],
     pixel: Annotated[str, typer.Argument(help="X,Y: column and row, from the top left.")],
     replicate: Annotated[int | None, typer.Option(help="This replicate alone, from 0; all of them by default.")] = None,
-    define: Annotated[
-        list[str] | None,
-        typer.Option("-D", metavar="NAME=VALUE", help="A value for a <default> of the scene; may be given again."),
-    ] = None,
+    define: Defines = None,
 ) -> None:
     """Render one pixel of a finished image again, alone, and compare it bit by bit.
 
