@@ -22,7 +22,8 @@ from renderer.errors import SettingsError
 from renderer.estimate.blocks import Block, Held
 from renderer.estimate.estimate import Estimate
 from renderer.estimate.moments import STOKES, Moments
-from renderer.progress import BRIEF_SECONDS, SAMPLES_PER_SECOND
+from renderer.pace import SAMPLES_PER_SECOND, Pace
+from renderer.progress import BRIEF_SECONDS
 from renderer.region import Region
 from renderer.resolve import identity_of
 from renderer.scene.parameters import Source
@@ -144,8 +145,7 @@ class _Part:
         self.kept = None if replicates.start == 0 else self._room_for(len(replicates))
         self.lanes_done = 0  # of the level in progress, too
         self.seconds = 0.0
-        self.speed = SAMPLES_PER_SECOND[scene.is_listed]
-        self.sample_segments = 1.0  # path segments of a sample in the last pass, in the mean
+        self.pace = Pace(self.size, SAMPLES_PER_SECOND[scene.is_listed])
 
     def _room_for(self, n: int) -> _Kept:
         of_value, others = KEPT_BYTES
@@ -161,12 +161,12 @@ class _Part:
         """Renders the next few replicates of all pixels, as many as a pass has room for; they count once all are there.
         Suspended after every launch.
         """
-        room = max(1, self._pass_samples() // (self.size * len(self.pixels)))
+        room = max(1, self.pace.pass_samples() // (self.size * len(self.pixels)))
         n = min(room, self.replicates.stop - self.end)
         level = _Kept(self.pixels, self.end, n, self.n_values) if self.kept is None else self.kept.part(self.end, n)
         is_shared = not self.settings.independent_pixels
         shape = self.scene.width, self.end, n, self.size
-        works = plan.level(self.is_wanted, *shape, self._pass_samples, is_shared)
+        works = plan.level(self.is_wanted, *shape, self.pace.pass_samples, is_shared)
         lanes_before = self.lanes_done
         # The next pass runs while the last one's results are copied.
         began, flying = time.perf_counter(), self._launched(next(works))
@@ -181,7 +181,7 @@ class _Part:
             level.add(work, *launch.results())
             passed = time.perf_counter() - began
             began = self._count(began)
-            self._note_pace(work, launch, passed)
+            self.pace.note(work, launch.results()[2], None if launch.is_long else passed)
             self.lanes_done += work.n_lanes
             if flying is not None:
                 yield
@@ -198,17 +198,6 @@ class _Part:
         now = time.perf_counter()
         self.seconds += now - began
         return now
-
-    def _note_pace(self, work: plan.Pass, launch: Launch | SharedLaunch, seconds: float) -> None:
-        samples = work.n_lanes * self.size
-        self.sample_segments = float(launch.results()[2].sum(dtype=np.int64)) / samples
-        if not launch.is_long:
-            speed = samples / max(seconds, 1e-6)
-            # The first pass may have compiled: a later, faster one replaces it at once.
-            self.speed = speed if speed > 2 * self.speed else 0.7 * self.speed + 0.3 * speed
-
-    def _pass_samples(self) -> int:
-        return plan.pass_samples_for(self.speed, self.sample_segments, self.size)
 
     def _take(self, level: _Kept, end: int) -> None:
         """A level that is full."""

@@ -9,9 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from renderer import allocation, plan
+from renderer import plan
 from renderer.audit.missing import missing_of
 from renderer.backend import one_at_a_time
 from renderer.errors import SettingsError
@@ -21,8 +19,10 @@ from renderer.estimate.forecast import CurvePoint, Forecast, forecast
 from renderer.estimate.health import Health
 from renderer.estimate.moments import Moments
 from renderer.launcher import KernelLauncher, Launched, Launcher
+from renderer.pace import SAMPLES_PER_SECOND, UNSEEN_PASS_SECONDS, Clock, Pace, SnapshotPace
 from renderer.resolve import Resolved, resolve
 from renderer.scene.parameters import Source
+from renderer.schedule import Allowed, next_round
 from renderer.settings import Settings, Target
 from renderer.state import RenderState
 from renderer.stopping import Reason, StopRule
@@ -30,8 +30,6 @@ from renderer.stopping import Reason, StopRule
 if TYPE_CHECKING:
     from renderer.scene.compile import Scene
 
-MIN_SNAPSHOT_SECONDS, MAX_SNAPSHOT_SECONDS = 0.25, 0.35  # of rendering between two snapshots
-SAMPLES_PER_SECOND = {False: 2e6, True: 1e7}  # that two processors render at least, by Scene.is_listed
 ROUND_SECONDS = 3e-5  # per pixel, that an adaptive round shall take at least: its planning and adding take some 7e-7
 BRIEF_SECONDS = 10.0  # shorter renders that ask for no error have no audit, which would take a notable part
 AUDIT_SECONDS = 1.0  # that an audit takes, about: it is not begun where the target's time leaves less,
@@ -42,11 +40,6 @@ NOT_AUDITED = (
     "hardly ever meet such light, error and trust do not know of it; ask for an error, or render for longer than "
     f"{BRIEF_SECONDS + AUDIT_RESERVE:.0f} s"
 )
-# Of the render time, that making snapshots may take; and where a viewer would otherwise wait for MAX_SNAPSHOT_SECONDS.
-SNAPSHOT_SHARE, MAX_SNAPSHOT_SHARE = 0.1, 0.3
-# Where nobody looks before the end: snapshots only keep the curve, and passes are longer, for what a pass costs beside
-# its samples is the same for all.
-UNSEEN_SHARE, UNSEEN_PASS_SECONDS = 0.01, 1.0
 
 
 @dataclass(frozen=True)
@@ -199,36 +192,30 @@ class _Render:
         self.is_watched = is_watched
         settings = self.settings
         self.size = settings.replicate_size or 1
-        self.n = scene.width * scene.height
         self.kernel = scene.kernel(settings)
         here = KernelLauncher(self.kernel, settings.seed)
         self.launcher = here if launcher is None else launcher(scene, settings)
-        # Where no target is looked at, rounds need not be shorter than their planning is worth.
-        pace = SAMPLES_PER_SECOND[scene.is_listed] / self.size
-        self.least = ROUND_SECONDS * pace if target.error is None else 0.0
         self.notes = {"warnings": list(scene.warnings), "cannot_see": list(scene.cannot_see(settings))}
         self.short = question.short
         self.scope = target.region.scope(scene.width, scene.height) if target.region is not None else None
         correlation = question.identity.correlation
         self.rule = StopRule(target, scene.width, self.size, self.scope, settings.adaptive, correlation)
-        empty = Moments.empty(self.n, self.kernel.has_stokes)
+        empty = Moments.empty(scene.width * scene.height, self.kernel.has_stokes)
         self.state = RenderState.begun(question.identity, empty, start, *self.rule.question)
         self.audit = start.audit if start is not None else None
         self.is_audited = not scene.needs_audit(settings)
         self.are_lights_checked = False
-        self.resumed_at = time.perf_counter()
         self.in_flight: deque[_Launch] = deque()  # in the order in which they are added
         self.sequence = 0
-        self.snapshot_cost = 0.0
-        self.since_snapshot = 0.0
-        self.speed = question.samples_per_second  # of the last passes
-        self.pass_seconds = 0.0  # of the last pass
-        self.sample_segments = 1.0  # path segments of a sample in the last pass, in the mean
+        self.clock, self.snapshots = Clock(), SnapshotPace(is_watched)
+        self.pace = Pace(self.size, question.samples_per_second)
 
     def run(self, should_stop: Callable[[], bool]) -> Iterator[Snapshot | None]:
         stopped_by: Reason | None = self._stop_reason()
         while stopped_by is None:
-            for is_added in self._rendered(self._next_round()):
+            following = next_round(self.state, self.rule, self.settings, self._allowed())
+            self.state.planned = following.planned
+            for is_added in self._rendered(following.passes):
                 if should_stop():
                     stopped_by = "interrupted"
                 elif not is_added:
@@ -239,11 +226,11 @@ class _Render:
                     stopped_by = "seconds"
                 if stopped_by:
                     break
-                if self._is_snapshot_due():
+                if self.snapshots.is_due(self.sequence == 0, self.pace.pass_seconds):
                     snapshot = self._snapshot(None)
                     self._count_time()
                     yield snapshot
-                    self.resumed_at = time.perf_counter()
+                    self.clock.resume()
             while self.in_flight:
                 if self.in_flight[0].lanes.step():
                     self._add(self.in_flight.popleft())
@@ -258,7 +245,7 @@ class _Render:
         if self.launcher.places:  # else nothing renders
             self._count_time()
         yield None
-        self.resumed_at = time.perf_counter()
+        self.clock.resume()
 
     def _rendered(self, works: Iterator[plan.Pass]) -> Iterator[bool]:
         """Renders passes and adds them in their order; says whether one was added, or a part of it has run. The next
@@ -286,10 +273,9 @@ class _Render:
 
     def _count_time(self) -> None:
         """Brings `seconds` up to now; suspended time does not count."""
-        now = time.perf_counter()
-        self.state.seconds += now - self.resumed_at
-        self.since_snapshot += now - self.resumed_at
-        self.resumed_at = now
+        passed = self.clock.passed()
+        self.state.seconds += passed
+        self.snapshots.since += passed
 
     def _is_time_over(self) -> bool:
         self._count_time()
@@ -298,33 +284,19 @@ class _Render:
     def _is_time_nearly_over(self) -> bool:
         """Whether a further pass would begin before the one at hand has shown that the time is over."""
         self._count_time()
-        return self.rule.is_time_over(self.state.seconds + min(plan.PASS_SECONDS, self.pass_seconds))
+        return self.rule.is_time_over(self.state.seconds + min(plan.PASS_SECONDS, self.pace.pass_seconds))
 
-    def _next_round(self) -> Iterator[plan.Pass]:
-        tried, s, wanted = self.state.moments.tried, self.scene, self.rule.replicates_wanted
-        if not self.settings.adaptive or int(tried.min()) < plan.ADAPTIVE_FROM:
-            return self._level_round(wanted)
-        if self.state.is_round_over:
-            self.state.planned = allocation.next_counts(self.state.moments, s.width, s.height, self.scope, self.least)
-        assert self.state.planned is not None
-        if (level := int(self.state.planned.min())) == int(self.state.planned.max()) and int(tried.max()) <= level:
-            return self._level_round(level if wanted is None else min(level, wanted))
-        left = None if wanted is None else wanted * self.n - int(tried.sum())
-        return plan.planned_round(tried, self.state.planned, s.width, self.size, left, self._pass_samples)
-
-    def _level_round(self, most: int | None) -> Iterator[plan.Pass]:
-        s, is_checked = self.scene, self.target.error is not None
-        shape = s.width, s.height, self.size
-        works = plan.next_round(
-            self.state.moments.tried,
-            *shape,
-            most,
-            self._pass_samples,
-            is_checked,
-            self._samples_left(),
-            is_shared=not self.settings.independent_pixels,
-        )
-        return works if self.is_watched else (work for work in works if not work.is_look)
+    def _allowed(self) -> Allowed:
+        seconds, least = self.target.seconds, 0.0
+        if self.target.error is None:  # rounds need not be shorter than their planning is worth
+            least = ROUND_SECONDS * SAMPLES_PER_SECOND[self.scene.is_listed] / self.size
+        left = math.inf
+        if seconds is not None:
+            places = max(1, self.launcher.places)
+            left = self.pace.samples_per_second * places * max(0.0, seconds - self.state.seconds)
+        waits = self.is_watched or seconds is not None  # somebody, or the end of the time
+        aimed = plan.PASS_SECONDS if waits else UNSEEN_PASS_SECONDS
+        return Allowed(lambda: self.pace.pass_samples(seconds, aimed), left, least, self.is_watched)
 
     def _launch(self, work: plan.Pass) -> _Launch:
         began = time.perf_counter()  # on a single thread the pass is over when the launch returns
@@ -332,16 +304,10 @@ class _Render:
 
     def _note_pace(self, launched: _Launch) -> None:
         """What a pass that is done tells of the time and the segments that the next one will take."""
-        samples = launched.work.n_lanes * self.size
-        self.sample_segments = float(launched.lanes.results()[2].sum(dtype=np.int64)) / samples
         took = self.launcher.seconds_of(launched.lanes)
         if took is None and launched.sequence == self.sequence:  # else it may have waited for us
             took = time.perf_counter() - launched.began
-        if took is not None and not launched.lanes.is_long:
-            self.pass_seconds = took
-            speed = samples / max(self.pass_seconds, 1e-6)
-            # The first pass may have compiled: a later, faster one replaces it at once.
-            self.speed = speed if speed > 2 * self.speed else 0.7 * self.speed + 0.3 * speed
+        self.pace.note(launched.work, launched.lanes.results()[2], None if launched.lanes.is_long else took)
 
     def _add(self, launched: _Launch) -> None:
         radiance, invalid, segments = launched.lanes.results()
@@ -350,28 +316,8 @@ class _Render:
             self.state.add_look(work.pixels, radiance.T)
             return
         moments = self.state.own_moments()
-        self.snapshot_cost += time.perf_counter() - began
+        self.snapshots.cost += time.perf_counter() - began
         moments.add_runs(work.pixels, work.n_replicates, radiance.T, invalid, self.size, segments)
-
-    def _samples_left(self) -> float:
-        """That the target's time leaves, about."""
-        if self.target.seconds is None:
-            return math.inf
-        return self.speed * max(1, self.launcher.places) * max(0.0, self.target.seconds - self.state.seconds)
-
-    def _pass_samples(self) -> int:
-        waits = self.is_watched or self.target.seconds is not None  # somebody, or the end of the time
-        aimed = plan.PASS_SECONDS if waits else UNSEEN_PASS_SECONDS
-        return plan.pass_samples_for(self.speed, self.sample_segments, self.size, self.target.seconds, aimed)
-
-    def _is_snapshot_due(self) -> bool:
-        cost = self.snapshot_cost
-        if not self.is_watched:
-            return self.since_snapshot >= max(cost / UNSEEN_SHARE, MAX_SNAPSHOT_SECONDS)
-        pace = min(max(cost / SNAPSHOT_SHARE, MIN_SNAPSHOT_SECONDS), MAX_SNAPSHOT_SECONDS)
-        pace = max(pace, cost / MAX_SNAPSHOT_SHARE)
-        # The end of the pass that is nearest to it.
-        return self.sequence == 0 or self.since_snapshot + 0.5 * self.pass_seconds >= pace
 
     def _stop_reason(self) -> Reason | None:
         """Why to stop now, at the end of a round. Looking at targets here only does not fool them."""
@@ -451,8 +397,7 @@ class _Render:
             short=self._said_short(),
             health=estimate.health,
         )
-        self.snapshot_cost = time.perf_counter() - began
-        self.since_snapshot = 0.0
+        self.snapshots.cost, self.snapshots.since = time.perf_counter() - began, 0.0
         return snapshot
 
     def _forecast(self) -> Forecast | None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderer import plan, progress, resolve
+from renderer import pace, plan, resolve
 from renderer.budget import Pace
 from renderer.errors import CheckpointError, SettingsError
 from renderer.estimate.estimate import Estimate, merge
@@ -281,9 +281,9 @@ def test_the_curve_goes_forward_in_time_and_samples(
     scene: Scene, kernel: NoisyKernel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A snapshot after every pass: by the clock, a fast machine would be done after the first.
-    monkeypatch.setattr(progress, "MIN_SNAPSHOT_SECONDS", 0.0)
-    monkeypatch.setattr(progress, "MAX_SNAPSHOT_SECONDS", 0.0)
-    monkeypatch.setattr(progress, "MAX_SNAPSHOT_SHARE", 1e9)
+    monkeypatch.setattr(pace, "MIN_SNAPSHOT_SECONDS", 0.0)
+    monkeypatch.setattr(pace, "MAX_SNAPSHOT_SECONDS", 0.0)
+    monkeypatch.setattr(pace, "MAX_SNAPSHOT_SHARE", 1e9)
     curve = snapshots(scene, Target(spp=160))[-1].curve
     assert len(curve) >= 3
     assert [p.seconds for p in curve] == sorted(p.seconds for p in curve)
@@ -350,9 +350,9 @@ def test_a_time_that_is_too_short_says_so_with_the_first_picture_and_leaves_the_
 def test_a_resumed_render_keeps_its_curve_and_its_forecast(
     scene: Scene, kernel: NoisyKernel, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(progress, "MIN_SNAPSHOT_SECONDS", 0.0)
-    monkeypatch.setattr(progress, "MAX_SNAPSHOT_SECONDS", 0.0)
-    monkeypatch.setattr(progress, "MAX_SNAPSHOT_SHARE", 1e9)
+    monkeypatch.setattr(pace, "MIN_SNAPSHOT_SECONDS", 0.0)
+    monkeypatch.setattr(pace, "MAX_SNAPSHOT_SECONDS", 0.0)
+    monkeypatch.setattr(pace, "MAX_SNAPSHOT_SHARE", 1e9)
     part = snapshots(scene, Target(error=0.02, spp=120))[-1]
     assert len(part.curve) >= 3
     assert all(point.upper is None or point.upper >= point.error for point in part.curve)
