@@ -16,6 +16,7 @@ from renderer.scene import features
 from renderer.scene.asked import asked_for
 from renderer.scene.colour import coloured_by, spectral_by
 from renderer.scene.depth import depth_advice
+from renderer.scene.features import Features
 from renderer.scene.geometry import bounds, children, meters
 from renderer.scene.numerics import THIN_GAP, numerical_warnings
 from renderer.scene.plugins import having, of_kind
@@ -34,18 +35,17 @@ NOT_AUDITED = (
 _MESHES = {"rectangle": 2, "cube": 12}  # triangles of shapes that Mitsuba makes itself
 
 
-@dataclass(frozen=True, slots=True)
-class Requirements:
-    """What was found.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Requirements(Features):
+    """What was found, with the features that a kernel needs.
 
     shapes, bsdfs, emitters, textures, media, sensors: plugins by kind with their number. triangles: of meshes; in load
     mode an estimate for long text files. memory_bytes: estimate for the loaded scene, without the image.
     low, high: corners of the scene's bounds in its own units, None if not known. coloured_by: what depends on
     wavelength, None if nothing does; spectral_by: what only spectral rendering can. polarised_by: what asks for
-    polarised light, None if nothing does. max_depth,
-    rr_depth, hide_emitters: what the file asks of an integrator.
-    has_…: see `features`. depth_advice: what depth is worth asking for. channels: what the file asks for beside
-    radiance: alpha by its film, others by its integrator. notes: what was dropped or rewritten.
+    polarised light, None if nothing does. max_depth, rr_depth, hide_emitters: what the file asks of an integrator.
+    depth_advice: what depth is worth asking for. channels: what the file asks for beside radiance: alpha by its film,
+    others by its integrator. notes: what was dropped or rewritten.
     warnings: named, "tiny light: …". unsupported: what this renderer does not model, with its place.
     """
 
@@ -66,16 +66,6 @@ class Requirements:
     high: tuple[float, float, float] | None
     coloured_by: str | None
     spectral_by: str | None
-    has_delta: bool
-    has_smooth: bool
-    has_null: bool
-    has_transmission: bool
-    has_environment: bool
-    has_point_lights: bool
-    has_visible_emitters: bool
-    reflects: bool
-    needs_time: bool
-    needs_uv: bool
     depth_advice: str
     polarised_by: str | None = None
     channels: tuple[str, ...] = ()
@@ -110,7 +100,7 @@ class Requirements:
         """Names of what the kernel has to contain for this scene."""
         found = [
             f.name.removeprefix("has_").replace("_", " ")
-            for f in fields(self)
+            for f in fields(Features)
             if f.name.startswith("has_") and getattr(self, f.name)
         ]
         return found if self.polarised_by is None else [*found, "polarisation"]
