@@ -136,10 +136,22 @@ def test_pause_resume_continue_and_delete(page: Page, service: Service) -> None:
     with page.expect_download() as download:
         details.get_by_role("link", name="JSON").click()
     assert download.value.suggested_filename.endswith(".json")
-    details.get_by_role("button", name="Delete", exact=True).click()
-    details.get_by_role("button", name="Delete for good").click()
-    # The second where this was the only job.
-    expect(page.get_by_role("heading", name=re.compile("Pick a scene|Nothing rendered yet"))).to_be_visible()
+    delete = details.get_by_role("button", name="Delete", exact=True)
+    bar, rail = page.get_by_role("status", name="Deleted jobs"), page.locator("#rail")
+    row = rail.locator(f'a[href*="{job_id}"]')
+    for take_back in (lambda: bar.get_by_role("button", name="Undo").click(), lambda: page.keyboard.press("z")):
+        delete.click()
+        # The second where this was the only job.
+        expect(page.get_by_role("heading", name=re.compile("Pick a scene|Nothing rendered yet"))).to_be_visible()
+        expect(row).to_have_count(0)
+        take_back()
+        expect(row).to_be_visible()
+        expect(details).to_contain_text("All samples taken")
+    assert service.job(job_id)["state"] == "succeeded"
+    delete.click()
+    expect(bar).to_contain_text("Deleted")
+    # Nobody takes it back: after ten seconds it is gone.
+    expect(bar.get_by_role("button", name="Undo")).to_have_count(0, timeout=60_000)
     page.goto(f"{service.url}/#/jobs/{job_id}")
     expect(page.get_by_text("No job with this address.")).to_be_visible()
 

@@ -5,7 +5,7 @@ export type Action =
   | 'drawRegion' | 'pauseOrResume' | 'fit' | 'actualSize' | 'zoomIn' | 'zoomOut'
   | 'probeLeft' | 'probeRight' | 'probeUp' | 'probeDown'
   | 'panLeft' | 'panRight' | 'panUp' | 'panDown'
-  | 'pin' | 'unpin' | 'nextJob' | 'previousJob' | 'newRender' | 'help'; // prettier-ignore
+  | 'pin' | 'unpin' | 'nextJob' | 'previousJob' | 'newRender' | 'undoDelete' | 'help'; // prettier-ignore
 
 export interface Binding {
   action: Action;
@@ -57,6 +57,7 @@ export const BINDINGS: readonly Binding[] = [
   { action: 'nextJob', keys: ['j'], shown: 'j', does: 'next job', group: 'Page' },
   { action: 'previousJob', keys: ['k'], shown: 'k', does: 'previous job', group: 'Page' },
   { action: 'newRender', keys: ['Shift+N'], shown: 'Shift N', does: 'new render', group: 'Page' },
+  { action: 'undoDelete', keys: ['z'], shown: 'z', does: 'take a deleted job back, for ten seconds', group: 'Page' },
   { action: 'help', keys: ['?', 'Shift+?'], shown: '?', does: 'this help', group: 'Page' },
 ];
 

@@ -45,8 +45,10 @@ export const pauseJob = (id: string): Promise<Job> => postJson(`${jobPath(id)}/p
 export const resumeJob = (id: string): Promise<Job> => postJson(`${jobPath(id)}/resume`, undefined);
 export const continueJob = (id: string, target: Target): Promise<Job> => postJson(`${jobPath(id)}/continue`, { target });
 
-export async function deleteJob(id: string): Promise<void> {
-  const response = await fetch(jobPath(id), { method: 'DELETE', headers: { accept: 'application/json' } });
+/** isPageLeaving: the answer may come when the page is gone. */
+export async function deleteJob(id: string, isPageLeaving = false): Promise<void> {
+  const headers = { accept: 'application/json' };
+  const response = await fetch(jobPath(id), { method: 'DELETE', headers, keepalive: isPageLeaving });
   if (!response.ok && response.status !== 404) throw problemFrom(response.status, await response.text());
 }
 
