@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 
 class FredholmError(Exception):
     """Rendering failed."""
@@ -32,3 +35,18 @@ class CheckpointError(FredholmError):
 
 class MergeError(FredholmError):
     """These estimates must not be merged: they overlap or answer different questions."""
+
+
+def check_name(path: Path, what: str, error: type[FredholmError]) -> None:
+    """Raises `error` where a file's name, or that of a folder above it, is no UTF-8: Mitsuba and OpenEXR take no other.
+
+    what: the file's part, as "the scene".
+    """
+    whole = os.path.abspath(path)
+    try:
+        whole.encode()
+    except UnicodeEncodeError:
+        shown = os.fsencode(whole).decode("utf-8", "backslashreplace")
+        raise error(
+            f"{what} is {shown}, whose name is not UTF-8; rename it, or, where it is, run in a UTF-8 locale"
+        ) from None

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from renderer.errors import SettingsError
+from renderer.errors import SettingsError, check_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +55,7 @@ class Region:
         """From an image file whose pixels are not black where they count."""
         import OpenImageIO as oiio
 
+        check_name(Path(path), "the region's mask", SettingsError)
         pixels = oiio.ImageBuf(str(path)).get_pixels("float") if Path(path).is_file() else None
         if pixels is None or not pixels.size:
             raise SettingsError(f"region {path}: no such image; give x,y,width,height or an image file as a mask")

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from renderer.audit.value import Audit
 from renderer.backend import versions
-from renderer.errors import CheckpointError
+from renderer.errors import CheckpointError, SettingsError, check_name
 from renderer.estimate.blocks import Held
 from renderer.estimate.contents import Contents, Identity
 from renderer.estimate.forecast import Curve
@@ -84,7 +84,9 @@ EXACT_CHANNELS = frozenset({"shape_index", "depth", "position"})  # half precisi
 
 
 def write_estimate(estimate: Contents, path: Path, metadata: dict[str, Any]) -> None:
-    """Writes all of an estimate: it can be read back. Raises OSError with the cause."""
+    """Writes all of an estimate: it can be read back. Raises SettingsError for a name that is not UTF-8, and OSError
+    with the cause."""
+    check_name(path, "the output", SettingsError)
     _write_atomically(path, lambda temporary: _write_parts(estimate, temporary, metadata))
 
 
@@ -92,8 +94,9 @@ def write_picture(
     estimate: Contents, path: Path, metadata: dict[str, Any], *, half: bool, checkpoint: Path | None
 ) -> None:
     """Writes what people open: a few bytes a pixel. half: radiance in half precision. checkpoint: the file with all of
-    it, in the same folder, for who reads the picture to go on from. Raises OSError with the cause.
+    it, in the same folder, for who reads the picture to go on from. Raises as `write_estimate`.
     """
+    check_name(path, "the output", SettingsError)
     names, pixels = _picture_channels(estimate)
     spec = oiio.ImageSpec(estimate.width, estimate.height, len(names), "float")
     spec.channelnames = names
@@ -288,6 +291,7 @@ def _metadata(estimate: Contents, extra: dict[str, Any]) -> dict[str, Any]:
 
 def read_estimate(path: Path, kind: type[Kind]) -> Kind:
     """Reads an estimate of a kind back, bit for bit. Raises CheckpointError where the file is no estimate of ours."""
+    check_name(path, "the estimate", CheckpointError)
     if not path.is_file():
         raise CheckpointError(f"{path}: no such file")
     source = oiio.ImageInput.open(str(path))

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from renderer.backend import mitsuba, mitsuba_folder, reading_files
-from renderer.errors import SceneError
+from renderer.errors import SceneError, check_name
 from renderer.scene import gallery
 from renderer.scene.assets import Assets, is_file, look
 from renderer.scene.bundle import LOCAL_LIMITS, BundleError, unpack
@@ -183,6 +183,7 @@ def _open(source: Source, config: Any, limits: SceneLimits) -> _Opened:
     kind = path.suffix.lower()
     if kind not in (".xml", ".zip", ".json"):
         raise SceneError(f"{path}: a scene is an .xml file, a .zip bundle, a .json document or a gallery name")
+    check_name(path, "the scene", SceneError)
     if not path.is_file():
         raise SceneError(f"{path}: no such file")
     if kind == ".zip":

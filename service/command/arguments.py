@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from renderer.camera import Camera
-from renderer.errors import SettingsError
+from renderer.errors import SettingsError, check_name
 from renderer.region import Region
 from renderer.series import product
 
@@ -117,6 +117,7 @@ def limit_threads(threads: int | None) -> None:
 
 
 def check_is_exr(path: Path, option: str = "--output") -> None:
-    """Refuses what no EXR can be named."""
+    """Refuses what no EXR can be named, before anything is rendered."""
+    check_name(path, option, SettingsError)
     if path.suffix.lower() != ".exr":
         raise SettingsError(f"{option} is {path}; the name must end in .exr")
