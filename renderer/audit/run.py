@@ -13,6 +13,7 @@ from renderer.audit.value import CLASSES, Audit, Source, class_of, coarse, edges
 from renderer.backend import mitsuba, using
 from renderer.equation.light_paths import Aim, Arrivals, LightPaths, shape_id
 from renderer.equation.reach import is_specular, label
+from renderer.equation.tables import table
 
 if TYPE_CHECKING:
     from renderer.scene.compile import Scene
@@ -143,7 +144,7 @@ def aim_of(scene: Scene, shortest: int) -> Aim:
     middle = 0.5 * (low + high)
     # Where all mirrors and glass are beyond what floats hold, as at the scene.
     boxes = (_boxes(specular_shapes(scene)) if shortest else []) or [(low, high)]
-    boxes = _joined(boxes, MOST_AIMS)
+    boxes = _joined(sorted(boxes, key=lambda box: (*box[0], *box[1])), MOST_AIMS)  # not as they were loaded
     centres = np.array([0.5 * (a + b) for a, b in boxes])
     radii = np.array([0.5 * float(np.linalg.norm(b - a)) * 1.001 for a, b in boxes])
     whole = 0.5 * float(np.linalg.norm(high - low))
@@ -199,7 +200,7 @@ def probe_rays(camera: Any, time: float) -> Any:
     """A grid of rays over the image."""
     mi = mitsuba()
     i = np.arange(PROBES * PROBES)
-    at = mi.Point2f(((i % PROBES + 0.5) / PROBES).astype(np.float32), ((i // PROBES + 0.5) / PROBES).astype(np.float32))
+    at = mi.Point2f(*(table((n + 0.5) / PROBES, mi.Float) for n in (i % PROBES, i // PROBES)))
     return camera.sample_ray(time, 0.5, at, mi.Point2f(0.5), True)[0]
 
 
@@ -238,7 +239,7 @@ def _sources(
     """Which light, by way of what, the most luminous first."""
     light, via = arrivals.light[found.arrival].astype(np.int64), arrivals.via[found.arrival].astype(np.int64)
     names = {shape_id(shape): shape for shape in scene.mitsuba_scene.shapes()}
-    sums: dict[tuple[str, str], tuple[float, float]] = {}
+    sums: dict[tuple[str, str], list[tuple[float, float]]] = {}
     width = int(via.max(initial=0)) + 1
     pair, n = light * width + via, width * len(paths.emitters)
     energy = np.bincount(pair, found.luminance, minlength=n) / camera_paths
@@ -246,11 +247,11 @@ def _sources(
     lights = [label(e) for e in paths.emitters]
     for both in np.flatnonzero(energy):
         number, shape = divmod(int(both), width)
-        e, r = energy[both], rate[both]
         key = lights[number], surface_name(names.get(shape)) if shape else ""
-        before = sums.get(key, (0.0, 0.0))
-        sums[key] = before[0] + float(e), before[1] + float(r)
-    made = (Source(*key, *numbers) for key, numbers in sums.items() if math.isfinite(numbers[0]))
+        sums.setdefault(key, []).append((float(energy[both]), float(rate[both])))
+    # Exact sums: the numbers of shapes, and so their order, vary from one loading to the next.
+    made = (Source(*key, *map(math.fsum, zip(*parts, strict=True))) for key, parts in sums.items())
+    made = (source for source in made if math.isfinite(source.energy))
     return tuple(sorted(made, key=lambda s: (-s.energy, s.light, s.via)))
 
 

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.backend import mitsuba
-from renderer.equation.lights.powers import choice_probabilities
+from renderer.equation.lights.powers import choice_probabilities, side_by_side
 from renderer.equation.lights.scene_lights import is_sampleable
 from renderer.equation.rays import NOWHERE
+from renderer.equation.reach import is_specular
 from renderer.equation.sequence import Sequence
-from renderer.equation.tables import number, table
+from renderer.equation.tables import number, registry_id, table
 
 mi: Any = mitsuba()
 
@@ -33,6 +34,7 @@ STREAM = 0x11647  # of the random numbers: apart from those of the camera's path
 THROUGH, LIGHT, WAVELENGTH, LINK = 0, 1, 2, 3  # pairs of dimensions; from LINK on two for each vertex
 MOST_LIGHTS = 64  # that each have their own share of the paths;
 LIGHTS_OF_MANY = 16  # of more, so many in each batch
+MOST_LISTED = 64  # mirrors and panes that are called one by one
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +105,11 @@ class LightPaths:
         self._middle, self._away = [number(x) for x in aim.middle], number(2 * aim.reach)
         self.shortest, self.longest = shortest, min(longest, MOST_LINKS)
         emitters = [e for e in scene.emitters() if is_sampleable(e)]
+        emitters = [emitters[i] for i in side_by_side(emitters)]  # not as they were loaded: that varies
         probabilities = choice_probabilities(emitters) if emitters else np.zeros(0)
         self.emitters = [e for e, p in zip(emitters, probabilities, strict=True) if p > 0]
         self.probabilities = probabilities[probabilities > 0]
+        self._specular, self._numbers = _specular_bsdfs(scene)
 
     def arrivals(self, batches: int, per_batch: int, seed: int, time: float) -> Arrivals:
         """Follows `per_batch` paths for each of the batches. Equal seeds give equal bits."""
@@ -345,7 +349,7 @@ class LightPaths:
 
             u_lobe = sequence.point(mi.UInt32(0), LINK + 2 * links)
             u = sequence.point(mi.UInt32(0), LINK + 2 * links + 1)
-            bs, weight = bsdf.sample(ctx, si, u_lobe.x, u, active)
+            bs, weight = self._sample(bsdf, ctx, si, u_lobe.x, u, active)
             is_delta = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
             active &= (is_delta | (bs.pdf > NARROW)) & (deposits < DEPOSITS) & (links < self.longest)
             # Where the first link is no perfect mirror, emitter sampling there finds the light as well.
@@ -361,6 +365,36 @@ class LightPaths:
             origin, direction, start = self.rays.origin(si, next_direction), next_direction, met.surface
             active &= dr.any(flux > 0)
         return out_links, out_via, *out
+
+    def _sample(self, bsdf: Any, ctx: Any, si: Any, u_lobe: Any, u: Any, active: Any) -> tuple[Any, Any]:
+        """How light goes on at a surface, where that is a link: code for all other surfaces takes long to compile."""
+        if self._specular is None:
+            return bsdf.sample(ctx, si, u_lobe, u, active)
+        number_ = dr.gather(mi.UInt32, self._numbers, dr.reinterpret_array(mi.UInt32, bsdf), active)
+        is_link = active & (number_ < len(self._specular))
+        if not self._specular:
+            return dr.zeros(mi.BSDFSample3f), dr.zeros(mi.Spectrum)
+
+        def sample_of(one: Any) -> Any:
+            return lambda si, u_lobe, u, active: one.sample(ctx, si, u_lobe, u, active)
+
+        targets = [sample_of(one) for one in self._specular]
+        index: Any = dr.select(is_link, mi.UInt32(number_), 0)
+        found: Any = dr.switch(index, targets, si, u_lobe, u, is_link, label="links")
+        return found
+
+
+def _specular_bsdfs(scene: Any) -> tuple[list[Any] | None, Any]:
+    """The surfaces that links are made of, each once, and by registry id which one a surface is, past the last for all
+    others. None and an empty table where there are many, or where some are not known: within instances."""
+    shapes = list(scene.shapes())
+    each = {registry_id(b): b for shape in shapes if (b := shape.bsdf()) is not None}
+    links = [key for key in sorted(each) if is_specular(each[key])]
+    if len(links) > MOST_LISTED or any(shape.class_name() == "Instance" for shape in shapes):
+        return None, table([0], mi.UInt32)
+    numbers = np.full(max(each, default=0) + 1, len(links), np.uint32)
+    numbers[links] = np.arange(len(links))
+    return [each[key] for key in links], table(numbers, mi.UInt32)
 
 
 def shape_id(shape: Any) -> int:

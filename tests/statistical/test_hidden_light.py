@@ -96,6 +96,20 @@ def test_equal_seeds_give_equal_bits_and_other_seeds_the_same_light(slab: Scene,
     assert mean_of(other) == pytest.approx(mean_of(slab_audit), rel=0.1)
 
 
+def test_the_order_in_which_lights_and_glass_are_loaded_changes_no_bit() -> None:
+    """Mitsuba loads the shapes of a file side by side, and lists them in the order in which they were ready."""
+    scene = hidden_light.scene("slab-1mm")
+    lamp = next(v for v in scene.values() if isinstance(v, dict) and "emitter" in v)
+    for i, power in enumerate((3.0, 7.0, 1.0)):  # two of them at one place
+        at = T().translate([0.1 * (i // 2), 0.4, 0.3]).rotate([1, 0, 0], 90).scale(0.002)
+        scene[f"more-{i}"] = {**lamp, "to_world": at, "emitter": {"type": "area", "radiance": power}}
+        scene[f"glass-{i}"] = {"type": "sphere", "radius": 0.02, "center": [0.1 * i - 0.1, 0.3, 0.3]}
+        scene[f"glass-{i}"]["bsdf"] = {"type": "dielectric"}
+    other = {"type": "scene"} | dict(reversed(list(scene.items())))
+    first, second = (audited(renderer.load_scene(each)) for each in (scene, other))
+    assert first.as_dict() == second.as_dict()
+
+
 def test_the_depth_that_is_asked_for_limits_the_light_that_counts(slab: Scene, slab_audit: Audit) -> None:
     assert not is_needed(slab, resolved(slab, max_depth=2))
     assert mean_of(audited(slab, max_depth=3)) == pytest.approx(0.0, abs=1e-6)  # two sides of the slab

@@ -54,7 +54,7 @@ def choice_probabilities(emitters: list[Any], powers: Mapping[int, float] = NO_P
 
 def side_by_side(emitters: list[Any]) -> NDArray[np.int64]:
     """An order in which neighbours in space stand beside each other, lights at infinity first (Morton 1966). It is the
-    same whatever order they come in, as long as their centres differ.
+    same whatever order they come in: those that have one centre follow each other by what they are.
     """
     centres = np.array([_centre(e) for e in emitters]).reshape(-1, 3)
     known = np.isfinite(centres).all(axis=1)
@@ -66,7 +66,22 @@ def side_by_side(emitters: list[Any]) -> NDArray[np.int64]:
         for bit in reversed(range(10)):
             for axis in range(3):
                 codes[known] = codes[known] << 1 | cells[:, axis] >> bit & 1
-    return np.lexsort((*np.nan_to_num(centres).T, codes))
+    places = np.column_stack([codes, np.nan_to_num(centres)])
+    _, place, n_there = np.unique(places, axis=0, return_inverse=True, return_counts=True)
+    contents = [content(e) if n_there[at] > 1 else b"" for e, at in zip(emitters, place.ravel(), strict=True)]
+    by_content = np.unique(np.array(contents, object), return_inverse=True)[1]
+    return np.lexsort((by_content, *np.nan_to_num(centres).T, codes))
+
+
+def content(plugin: Any) -> bytes:
+    """What a light, or its shape, is made of, as one string to sort by: where it stands in the scene does not count."""
+    holder = plugin.get_shape() if isinstance(plugin, mi.Emitter) else None
+    made = [str(plugin.class_name()).encode()]  # no names: some are given by the order of loading
+    for known in (mi.traverse(plugin), *(() if holder is None else (mi.traverse(holder),))):
+        for key in sorted(known.properties):
+            values = np.array(getattr(known[key], "matrix", known[key]))
+            made += [str(key).encode(), str(values.shape).encode(), values.astype("<f8").tobytes()]
+    return b"\0".join(made)
 
 
 def _centre(emitter: Any) -> list[float]:
