@@ -370,7 +370,8 @@ class LightPaths:
         """How light goes on at a surface, where that is a link: code for all other surfaces takes long to compile."""
         if self._specular is None:
             return bsdf.sample(ctx, si, u_lobe, u, active)
-        number_ = dr.gather(mi.UInt32, self._numbers, dr.reinterpret_array(mi.UInt32, bsdf), active)
+        key: Any = dr.reinterpret_array(mi.UInt32, bsdf)
+        number_ = dr.gather(mi.UInt32, self._numbers, key, active)
         is_link = active & (number_ < len(self._specular))
         if not self._specular:
             return dr.zeros(mi.BSDFSample3f), dr.zeros(mi.Spectrum)
