@@ -20,6 +20,8 @@ from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
 SCENE_SUFFIXES = (".xml", ".json")
+ROOT_WITHIN = 2**16  # bytes of an XML file in which its root element is looked for
+PASSED_BEFORE_ROOT = (("<?", "?>"), ("<!--", "-->"), ("<!", ">"))
 # Mitsuba looks for its plugins in the scene's folder first: code has no place there.
 _CODE_SUFFIXES = (".so", ".dll", ".dylib", ".pyd", ".py", ".exe")
 _CHUNK = 1 << 16
@@ -81,7 +83,7 @@ def unpack(source: BinaryIO, file_name: str, folder: Path, limits: Limits) -> Bu
         files = {f"scene{suffix}": hashlib.sha256(content).hexdigest()}
     else:
         raise BundleError(f"{name} is neither .xml nor .json nor .zip; upload a Mitsuba scene file or a zip with it")
-    scene = _scene_file(list(files))
+    scene = _scene_file(_without_other_xml(list(files), folder))
     return Bundle(name=name, scene=scene, digest=_digest(files))
 
 
@@ -214,6 +216,28 @@ def _extract(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, target: Path) -> 
     except OSError as error:
         raise BundleError(f"{entry.filename[:100]!r} cannot be unpacked ({error.strerror}); rename it") from error
     return digest.hexdigest()
+
+
+def _without_other_xml(paths: list[str], folder: Path) -> list[str]:
+    """The paths without XML files that are something else, a read-me or an export's settings, where a scene is left."""
+    kept = [p for p in paths if not p.lower().endswith(".xml") or _root_of(folder / p) in ("scene", "")]
+    return kept if any(path.lower().endswith(SCENE_SUFFIXES) for path in kept) else paths
+
+
+def _root_of(path: Path) -> str:
+    """The name of an XML file's root element; "" where its beginning does not tell."""
+    with path.open("rb") as file:
+        start = file.read(ROOT_WITHIN).replace(b"\0", b"").decode("latin-1")  # UTF-16, too
+    at = 0
+    while (at := start.find("<", at)) >= 0:
+        passed = next((p for p in PASSED_BEFORE_ROOT if start.startswith(p[0], at)), None)
+        if passed is None:
+            found = re.match(r"[\w:.-]+", start[at + 1 : at + 100])
+            return found[0] if found else ""
+        at = start.find(passed[1], at + len(passed[0]))
+        if at < 0:
+            return ""
+    return ""
 
 
 def _scene_file(paths: list[str]) -> str:

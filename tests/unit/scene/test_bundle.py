@@ -161,6 +161,21 @@ def test_a_zip_without_or_with_several_scenes_is_refused(tmp_path: Path) -> None
         unpacked(tmp_path, ("a.xml", b""), ("b.xml", b""))
 
 
+@pytest.mark.parametrize(
+    "other",
+    [
+        b"<readme/>",
+        b'\xef\xbb\xbf<?xml version="1.0"?>\n<!-- <scene> -->\n<!DOCTYPE COLLADA>\n<COLLADA version="1.4">',
+        '<?xml version="1.0" encoding="utf-16"?><export/>'.encode("utf-16"),
+    ],
+    ids=["bare", "after comments", "UTF-16"],
+)
+@pytest.mark.parametrize("name", ["scene.xml", "box.json"])
+def test_xml_that_is_no_scene_is_passed_over(tmp_path: Path, name: str, other: bytes) -> None:
+    content = b"<!-- by hand --><scene version='3.0.0'/>" if name.endswith(".xml") else b"{}"
+    assert unpacked(tmp_path, (f"box/{name}", content), ("box.xml", other)).scene == f"box/{name}"
+
+
 def test_other_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BundleError, match=r"neither \.xml nor \.json nor \.zip"):
         unpack(io.BytesIO(b"hello"), "a.blend", tmp_path, LIMITS)
