@@ -1,5 +1,5 @@
 import { expect, it } from 'vitest';
-import { bytes, count, duration, ordinal, percent, radiance, roughDuration, roundPercent, tickDuration, withError } from './format';
+import { bytes, count, duration, ordinal, percent, radiance, roughDuration, roundPercent, tickDuration, when, withError } from './format';
 
 const spaced = (text: string): string => text.replace(/[\u202f\u00a0]/g, ' ');
 
@@ -42,4 +42,12 @@ it('radiance shows what is no number', () => {
 it('counts and sizes carry a prefix', () => {
   expect([0.5, 8, 999, 12_345, 23_500_000, 4.2e9].map((n) => spaced(count(n)))).toEqual(['0.5', '8', '999', '12.3 k', '23.5 M', '4.20 G']);
   expect([12, 4500, 7_400_000].map((n) => spaced(bytes(n)))).toEqual(['12 B', '4.50 kB', '7.40 MB']);
+});
+
+it('a time is told by the hour today, by the day before, and by the year where it is another', () => {
+  const now = new Date(2026, 11, 1, 14, 30);
+  expect(when(new Date(2026, 11, 1, 9, 5), now, 'en-GB')).toBe('09:05');
+  expect(when(new Date(2026, 10, 30, 23, 59), now, 'en-GB')).toBe('30 Nov');
+  expect(when(new Date(2025, 11, 1, 14, 30), now, 'en-GB')).toBe('1 Dec 2025');
+  expect(when(new Date('no date'), now)).toBe('–');
 });

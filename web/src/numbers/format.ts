@@ -47,6 +47,16 @@ export function tickDuration(seconds: number): string {
   return `${+(seconds / 3600).toPrecision(3)}${NO_BREAK}h`;
 }
 
+/** When something was, as short as can be: the time today, else the day, with the year where it is another one. */
+export function when(then: Date, now: Date, language?: string): string {
+  if (Number.isNaN(then.getTime())) return '–';
+  const has = (part: (date: Date) => number): boolean => part(then) === part(now);
+  const isThisYear = has((date) => date.getFullYear());
+  if (isThisYear && has((date) => date.getMonth()) && has((date) => date.getDate()))
+    return then.toLocaleTimeString(language, { hour: '2-digit', minute: '2-digit' });
+  return then.toLocaleDateString(language, { day: 'numeric', month: 'short', ...(isThisYear ? {} : { year: 'numeric' }) });
+}
+
 export function ordinal(n: number): string {
   const tens = n % 100;
   const suffix = tens >= 11 && tens <= 13 ? 'th' : (['th', 'st', 'nd', 'rd'][n % 10] ?? 'th');
