@@ -18,7 +18,7 @@ import httpx
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "service" / "static" / "index.html"
-START_SECONDS = 90
+START_SECONDS = 240
 # WebGL2 runs on the processor through SwiftShader, so no graphics device is needed.
 CHROMIUM_ARGUMENTS = [
     "--no-sandbox",
@@ -78,7 +78,7 @@ class Service:
             return
         self.process.send_signal(signal.SIGINT)
         try:
-            self.process.wait(20)
+            self.process.wait(60)
         except subprocess.TimeoutExpired:
             self.kill()
 
@@ -108,7 +108,7 @@ class Service:
     def cancel(self, job_id: str) -> None:
         assert httpx.post(f"{self.url}/api/jobs/{job_id}/cancel", timeout=30).is_success
 
-    def wait_ended(self, job_id: str, seconds: float = 90) -> dict[str, Any]:
+    def wait_ended(self, job_id: str, seconds: float = 180) -> dict[str, Any]:
         ends = time.monotonic() + seconds
         while (job := self.job(job_id))["state"] not in ("succeeded", "failed", "cancelled"):
             assert time.monotonic() < ends, f"job {job_id} did not end within {seconds:g} s: {job}"

@@ -112,4 +112,4 @@ class Cluster:
                 except subprocess.TimeoutExpired:
                     process.kill()
         left = [pid for name in self.workers for pid in self.render_pids(name)]
-        wait_for(lambda: not any(map(is_alive, left)), 20, "the render processes of the workers end")
+        wait_for(lambda: not any(map(is_alive, left)), 60, "the render processes of the workers end")

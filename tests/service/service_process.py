@@ -106,7 +106,7 @@ class Server:
         began = time.perf_counter()
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
-            self.process.wait(20)
+            self.process.wait(60)
         took = time.perf_counter() - began
         assert_no_secret_in(self.log_path)
         return took
@@ -138,7 +138,7 @@ class Server:
     def job(self, job_id: str) -> dict[str, Any]:
         return httpx.get(f"{self.url}/api/jobs/{job_id}", timeout=30).json()
 
-    def wait(self, job_id: str, until: Callable[[dict[str, Any]], bool], seconds: float = 60) -> dict[str, Any]:
+    def wait(self, job_id: str, until: Callable[[dict[str, Any]], bool], seconds: float = 180) -> dict[str, Any]:
         """The job once `until` holds."""
         found: dict[str, Any] = {}
 
@@ -150,7 +150,7 @@ class Server:
         wait_for(holds, seconds, f"job {job_id}", lambda: f"{found}\n{self.log_path.read_text()[-3000:]}")
         return found
 
-    def wait_ended(self, job_id: str, seconds: float = 60) -> dict[str, Any]:
+    def wait_ended(self, job_id: str, seconds: float = 180) -> dict[str, Any]:
         return self.wait(job_id, lambda job: job["state"] in ENDED, seconds)
 
     def cancel(self, job_id: str) -> httpx.Response:

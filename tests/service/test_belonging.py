@@ -61,7 +61,7 @@ def test_a_deleted_database_takes_nothing_more_and_what_it_held_is_saved(tmp_pat
         with pytest.raises(DatabaseReplaced, match="was deleted while the service ran"):
             jobs.add(replace(NEW, name="another"))
         rescued = tmp_path / "data" / "fredholm.sqlite.rescued"
-        wait_for(rescued.exists, 20, "a copy of what the deleted file held")
+        wait_for(rescued.exists, 60, "a copy of what the deleted file held")
     with pytest.raises(DatabaseError, match=r"what it held is in fredholm\.sqlite\.rescued"):
         opened(tmp_path / "data")
     rescued.rename(tmp_path / "data" / "fredholm.sqlite")

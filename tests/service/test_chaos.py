@@ -158,7 +158,7 @@ def check_images(server: Server, asked: list[Asked], ended: list[dict[str, Any]]
 
 
 def check_nothing_is_left(server: Server, ids: list[str], pids: list[int]) -> None:
-    wait_for(lambda: not any(is_alive(pid) for pid in pids), 10, "the end of all render processes")
+    wait_for(lambda: not any(is_alive(pid) for pid in pids), 60, "the end of all render processes")
     assert not server.displays()
     estimates = server.data_dir / "estimates"
     assert sorted(folder.name for folder in estimates.iterdir()) == sorted(ids)

@@ -87,7 +87,7 @@ def test_a_killed_worker_loses_its_passes_alone(cluster: Cluster, service: Serve
     assert service.job(job["id"])["state"] == "running"
     of_two = cluster.render_pids("two")[-1]
     cluster.workers["two"].kill()
-    wait_for(lambda: not is_alive(of_two), 20, "its render process goes with it")
+    wait_for(lambda: not is_alive(of_two), 60, "its render process goes with it")
     ended = succeeded(service, job)
     assert ended["warnings"] == []
     assert not [line for line in service.log() if line.get("event") == "job lost its render process"]

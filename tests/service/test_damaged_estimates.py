@@ -158,7 +158,7 @@ def test_a_running_job_goes_on_from_the_estimate_before_the_damaged_one(own_serv
     wait_for(lambda: len(saved_of(own_server, job_id)) >= 2, 30, "another saved estimate")
     ended = own_server.cancel(job_id).json()
     assert (ended["state"], len(ended["warnings"])) == ("cancelled", 1)
-    wait_for(lambda: len(saved_of(own_server, job_id)) == 1, 10, "the end of the estimates that are needed no more")
+    wait_for(lambda: len(saved_of(own_server, job_id)) == 1, 60, "the end of the estimates that are needed no more")
     (kept,) = saved_of(own_server, job_id)
     mine = renderer.Estimate.read(kept)
     spp = float(mine.count.mean() * mine.replicate_size)
@@ -212,4 +212,4 @@ def test_an_image_that_is_sent_is_whole_though_its_job_ends(server: Server, clie
             break
         httpx.post(f"{server.url}/api/jobs/{job_id}/continue", json={"target": LONG}, timeout=30)
         server.wait(job_id, lambda job: job["state"] == "running")
-    wait_for(lambda: not list((server.data_dir / "sending").iterdir()), 10, "the end of what was held for sending")
+    wait_for(lambda: not list((server.data_dir / "sending").iterdir()), 60, "the end of what was held for sending")

@@ -86,7 +86,7 @@ def test_many_streams_that_are_dropped_leave_the_service_well(server: Server, cl
 
 def test_silence_is_broken_by_a_ping(server: Server) -> None:
     with EventStream(server.url) as stream:
-        stream.wait(lambda events: [event.kind for event in events].count("ping") >= 2, seconds=10)
+        stream.wait(lambda events: [event.kind for event in events].count("ping") >= 2, seconds=25)
 
 
 def test_others_are_told_of_a_deleted_job(server: Server, client: httpx.Client) -> None:

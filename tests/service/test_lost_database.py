@@ -37,7 +37,7 @@ def test_a_database_that_crashes_and_comes_back_costs_no_job(own_server: Server,
         assert httpx.get(f"{server.url}/healthz").status_code == 200
         time.sleep(1.5)
         database.resume()
-        wait_for(lambda: httpx.get(f"{server.url}/readyz").status_code == 200, 20, "readiness")
+        wait_for(lambda: httpx.get(f"{server.url}/readyz").status_code == 200, 60, "readiness")
         ended = server.wait_ended(job_id)
         assert ended["state"] == "succeeded", ended
         mine = renderer.Estimate.read(next((server.data_dir / "estimates" / job_id).iterdir()))

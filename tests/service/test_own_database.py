@@ -24,7 +24,7 @@ def refusal(server: Server, url: str | None = None) -> str:
     environment = os.environ | {"PYTHONPATH": str(ROOT)} | ({"FREDHOLM_DATABASE_URL": url} if url else {})
     command = [sys.executable, "-m", "service.command", "serve", "--port", "0", "--data", str(server.data_dir)]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=15, cwd=ROOT)
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120, cwd=ROOT)
     except subprocess.TimeoutExpired:
         pytest.fail("it serves")
     assert done.returncode == 2, done.stderr
@@ -109,7 +109,7 @@ def test_what_no_job_names_goes_to_quarantine_and_is_logged(used: Server) -> Non
     for folder in (used.data_dir / "quarantine").iterdir():
         os.utime(folder, (0, time.time() - 15 * 86400))
     used.start()
-    wait_for(lambda: not list((used.data_dir / "quarantine").iterdir()), 10, "the end of the quarantine")
+    wait_for(lambda: not list((used.data_dir / "quarantine").iterdir()), 60, "the end of the quarantine")
 
 
 def test_a_database_deleted_while_the_service_runs_is_noticed_and_rescued(own_server: Server) -> None:
@@ -131,7 +131,7 @@ def test_a_database_deleted_while_the_service_runs_is_noticed_and_rescued(own_se
     assert "deleted" in " ".join(ready.json()["not_ready"])
     assert not path.exists(), "no empty database takes its place"
     rescued = path.with_name("fredholm.sqlite.rescued")
-    wait_for(rescued.exists, 10, "a copy of what the deleted file held")
+    wait_for(rescued.exists, 60, "a copy of what the deleted file held")
     own_server.stop()
     assert "Application shutdown failed" not in own_server.log_path.read_text()
     assert "fredholm.sqlite.rescued" in refusal(own_server)

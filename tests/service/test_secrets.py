@@ -227,10 +227,10 @@ def test_a_request_in_flight_when_the_service_ends_writes_no_key(own_server: Ser
     with socket.create_connection(("127.0.0.1", server.port), timeout=20) as connection:
         head = f"POST /api/jobs HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {admin}\r\nContent-Length: 90\r\n"
         connection.sendall(head.encode() + b"Content-Type: application/json\r\nCookie: fredholm_key=x\r\n\r\n{")
-        wait_for(lambda: httpx.get(f"{server.url}/healthz").status_code == 200, 10, "an answer")
+        wait_for(lambda: httpx.get(f"{server.url}/healthz").status_code == 200, 60, "an answer")
         assert server.process is not None
         server.process.send_signal(signal.SIGTERM)
-        server.process.wait(20)
+        server.process.wait(60)
     log = server.log_path.read_text()
     assert admin[14:] not in log
     assert "Traceback" not in log, log

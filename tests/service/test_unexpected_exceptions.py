@@ -60,7 +60,7 @@ def test_after_an_unexpected_exception_the_process_is_replaced_and_only_that_job
     assert ended["state"] == "succeeded", ended
     pids = server.render_pids()
     assert len(set(pids)) == 3, "one process before, one after each exception"
-    wait_for(lambda: not any(is_alive(pid) for pid in pids[:-1]), 10, "the end of the replaced processes")
+    wait_for(lambda: not any(is_alive(pid) for pid in pids[:-1]), 60, "the end of the replaced processes")
     # Who was running beside it lost nothing.
     mine = renderer.Estimate.read(next((server.data_dir / "estimates" / good).iterdir()))
     calm = renderer.render("cornell-box", renderer.Target(spp=LONG), renderer.Settings(64, 64, 5))
