@@ -70,7 +70,7 @@ def test_view_and_probe_keys(page: Page, service: Service, finished_job: str) ->
 
 
 TRIED_HERE = "e, Shift E, r, n, t, h, u, v, f, 0, +, -, Shift arrows, arrows, Enter, Esc, o, j, k, Shift N, ?"
-TRIED_IN_COMPARING = "1, 2, x, w, s, d, p"
+TRIED_IN_COMPARING = "1, 2, x, w, s, d, p, z"
 TRIED_ELSEWHERE = "c, Shift S, Shift C, g"  # test_looking.py, test_reference.py
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import httpx
 from places import own_zip
 from playwright.sync_api import Page, Route, expect
 from running import Service
@@ -155,3 +156,21 @@ def test_without_webgl_the_png_stands_in(page: Page, service: Service, finished_
     expect(page.get_by_text("This browser cannot draw beside the page")).to_be_visible()
     still = page.get_by_role("img", name="Picture of Cornell box")
     page.wait_for_function("(image) => image.naturalWidth > 0", arg=still.element_handle())
+
+
+def test_all_uploads_can_be_chosen(page: Page, service: Service) -> None:
+    """Not the newest few alone."""
+    for i in range(8):
+        scene = f"""<scene version="3.0.0"><emitter type="constant"/><sensor type="perspective">
+            <float name="fov" value="{30 + i}"/></sensor></scene>"""
+        sent = httpx.post(f"{service.url}/api/scenes", files={"file": (f"room-{i}.xml", scene.encode())}, timeout=60)
+        assert sent.is_success, sent.text
+    page.goto(service.url)
+    page.get_by_role("button", name="New render").click()
+    dialog = page.get_by_role("dialog", name="New render")
+    expect(dialog.get_by_text("room-7")).to_be_visible()
+    expect(dialog.get_by_text("room-0")).to_have_count(0)
+    dialog.get_by_role("button", name=re.compile(r"All \d+ uploads")).click()
+    dialog.get_by_text("room-0").click()
+    expect(dialog.get_by_role("radio", name=re.compile("room-0"))).to_be_checked()
+    expect(dialog.get_by_role("button", name=re.compile(r"All \d+ uploads"))).to_have_count(0)
