@@ -9,9 +9,8 @@ import pytest
 
 from renderer.errors import CheckpointError, FredholmError, SceneError, SettingsError
 from renderer.estimate.estimate import Estimate
-from renderer.estimate.moments import Moments
 from renderer.region import Region
-from renderer.scene.compile import load_scene
+from renderer.scene.compile import Scene, load_scene
 from service.command.main import main
 
 SCENE = '<scene version="3.0.0"><emitter type="constant"/><sensor type="perspective"/></scene>'
@@ -54,7 +53,7 @@ def test_nothing_is_rendered_for_an_output_that_cannot_be_written(
     def fail(*_: object, **__: object) -> None:
         raise AssertionError("it was rendered")
 
-    monkeypatch.setattr(Moments, "add_runs", fail)
+    monkeypatch.setattr(Scene, "kernel", fail)
     more = ["--replicates", "0:1"] if command == "passes" else ["--spp", "16"]
     monkeypatch.setattr("sys.argv", ["fredholm", command, "cornell-box", "-o", str(folder / "o.exr"), *more])
     with pytest.raises(SystemExit) as ended:

@@ -39,6 +39,7 @@ class Leaving {
   /** Takes the last one back, or this one. */
   undo(id = this.jobs[this.jobs.length - 1]?.id): Job | null {
     const job = this.jobs.find((one) => one.id === id) ?? null;
+    this.isHeld = false; // the button that held it is gone, and tells of no leaving
     this.drop(id);
     return job;
   }
